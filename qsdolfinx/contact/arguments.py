@@ -35,6 +35,7 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
 def default_enforcement(formulation: str, law: typing.Any) -> str:
     """An augmented Lagrangian, but where there is none."""
     none = formulation == "double-pass" or isinstance(law, Conductance)
+    none |= isinstance(law, Law) and bool(law.memory)
     return "penalty" if none else "augmented-lagrangian"
 
 
@@ -44,7 +45,7 @@ def default_constraints(
     """At points, where they are defined; a law of the user's needs multipliers there."""
     if sliding == "finite" and not law.jump:
         return "points"
-    points = quadrature == "overlay" and formulation != "double-pass"
+    points = quadrature == "overlay" and formulation != "double-pass" and not law.memory
     points &= enforcement == "augmented-lagrangian" or type(law) is Unilateral
     return "points" if points and not law.jump else "nodes"
 
@@ -145,6 +146,17 @@ def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
         not law.jump,
         'constraints: tied contact is over-constrained at "points"; use "nodes"',
     )
+
+
+def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> None:
+    """Refuse a law that remembers where it is not asked at nodes, with what it is told."""
+    if not law.memory:
+        return
+    of = "a law that remembers "
+    require(enforcement == "penalty", f'enforcement: {of}is told gap and ε alone; use "penalty"')
+    small = sliding == "small" or law.jump
+    require(small, f'sliding: {of}is asked at the nodes of its pairs; use "small"')
+    require(constraints == "nodes", f'constraints: {of}does so at nodes; use "nodes"')
 
 
 def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:

@@ -28,6 +28,7 @@ from qsdolfinx.contact.arguments import (
     check_friction,
     check_friction_use,
     check_itself,
+    check_memory,
     check_of_use,
     check_sliding,
     check_smoothing,
@@ -276,6 +277,7 @@ class Contact:
                 constraints = default_constraints(
                     quadrature, formulation, law, enforcement, sliding
                 )
+            check_memory(law, enforcement, constraints, sliding)
             check_sliding(sliding, quadrature, normals, constraints, sides, law)
             if itself:
                 check_itself(formulation, quadrature, law, sides, unknown)
@@ -656,6 +658,18 @@ class Contact:
         has the forces of vertices at creases; their multipliers are not among these.
         """
         return results.multiplier(self._shown, side)
+
+    def memory(self, name: str, side: str = "slave") -> Array:
+        """What a law that remembers has of the nodes of this rank since the last step, (nodes,).
+
+        Args:
+            name: One of ``law.memory``, see :class:`qs.Law`.
+            side: Whose nodes.
+
+        Raises:
+            ValueError: If the law remembers nothing of that name.
+        """
+        return results.memory(self.model, name, side)
 
     def active(self, side: str = "slave") -> npt.NDArray[np.bool_]:
         """Nodes of this rank that are in contact, or have a point that is, shape (nodes,).

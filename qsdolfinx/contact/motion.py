@@ -13,7 +13,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import conduction, multipliers, overclosed, shown, terms
+from qsdolfinx.contact import conduction, memory, multipliers, overclosed, shown, terms
 from qsdolfinx.contact.lone_vertices import lone_vertices
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
@@ -45,8 +45,7 @@ def pair_anew(model: ContactModel) -> None:
         if not first:
             surfaces = map(deformable, (model.slave, model.master))
             update_surfaces(*(s for s in surfaces if s is not None))
-        kept = [] if first else multipliers.on_nodes(model.parts)
-        pressed = [] if first else multipliers.pressures_on_nodes(model)
+        kept = {} if first else {q.name: q.read() for q in memory.of_nodes(model)}
         before = () if first else model.slips
         shares = model.mechanics is not None and model.mechanics.shares_pairs
         known = model.mechanics.points() if shares and model.mechanics is not None else None
@@ -58,8 +57,8 @@ def pair_anew(model: ContactModel) -> None:
             conduction.begin(model)
         _continue_step(model)
         if not first:
-            multipliers.set_on_nodes(paired.parts, kept)
-            multipliers.set_pressures_on_nodes(model, pressed)
+            memory.write(memory.of_nodes(model), kept)
+            multipliers.turn(paired.parts)
             for old, new in zip(before, paired.slips, strict=True):
                 carried.carry(old, new)
         _zero_offset(model)

@@ -53,44 +53,44 @@ def num_columns(part: Part) -> int:
     return part.augmented_on_nodes().shape[1]
 
 
-def set_on_nodes(
-    parts: typing.Sequence[Part], multipliers: typing.Sequence[Array], turn: bool = True
-) -> None:
-    """Put back what :func:`on_nodes` gave; τ̂ turns with the surface if asked."""
+def set_on_nodes(parts: typing.Sequence[Part], multipliers: typing.Sequence[Array]) -> None:
+    """Put back what :func:`on_nodes` gave; τ̂ turns with the surface."""
     for part, multiplier in zip(parts, multipliers, strict=True):
         part.set_augmented_on_nodes(multiplier)
-        if turn and isinstance(part, Slip):
+    turn(parts)
+
+
+def turn(parts: typing.Sequence[Part]) -> None:
+    """Let τ̂ turn with the surface."""
+    for part in parts:
+        if isinstance(part, Slip):
             part.turn_augmented()
 
 
-def pressures_on_nodes(model: ContactModel) -> list[Array]:
-    """Pressure of each slip at the start of the step at all owned nodes, and more of then.
+def pressures_on_nodes(slip: Slip) -> Array:
+    """Pressure of a slip at the start of the step at all owned nodes, and more of then.
 
     Whether it slipped, the part of its area that was covered, and which components conditions have
     moved. Shape (nodes, 3 + gdim).
     """
-    out = []
-    for slip in model.slips:
-        state, rows = slip.state, slip.gap.rows
-        columns = np.column_stack([state.pressed, state.slipped])
-        if isinstance(rows, PointRows) and slip.gap.following is not None:
-            none = np.zeros((len(state.covered), 2))
-            of_rows = none if state.of_nodes is None else state.of_nodes
-        elif isinstance(rows, PointRows):
-            of_rows = rows.projected_means(columns)
-        else:
-            of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)
-        out.append(np.column_stack([of_rows, state.covered, state.moved]))
-    return out
+    state, rows = slip.state, slip.gap.rows
+    columns = np.column_stack([state.pressed, state.slipped])
+    if isinstance(rows, PointRows) and slip.gap.following is not None:
+        none = np.zeros((len(state.covered), 2))
+        of_rows = none if state.of_nodes is None else state.of_nodes
+    elif isinstance(rows, PointRows):
+        of_rows = rows.projected_means(columns)
+    else:
+        of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)
+    return np.column_stack([of_rows, state.covered, state.moved])
 
 
-def set_pressures_on_nodes(model: ContactModel, pressures: typing.Sequence[Array]) -> None:
+def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
     """Put back what :func:`pressures_on_nodes` gave."""
-    for slip, columns in zip(model.slips, pressures, strict=True):
-        state = slip.state
-        state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
-        state.of_nodes = np.array(columns[:, :2])
-        state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
+    state = slip.state
+    state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
+    state.of_nodes = np.array(columns[:, :2])
+    state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
 
 
 def reset(model: ContactModel) -> None:

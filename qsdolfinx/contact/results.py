@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.checks import check, check_vector, one_of
+from qsdolfinx.base.checks import check, check_vector, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.bridged import in_contact, like_neighbours
@@ -115,6 +115,17 @@ def multiplier(model: ContactModel, side: str) -> Array:
     """λ, 0 where unpaired."""
     p = gap_of(model, side)
     return typing.cast(Array, _flat(p.rows.on_nodes(multiplier_of(model, p), 0.0)))
+
+
+def memory(model: ContactModel, name: str, side: str) -> Array:
+    """What the law remembers since the last step, (nodes,).
+
+    Raises:
+        ValueError: If the law remembers nothing of that name.
+    """
+    known = sorted(model.law.memory)
+    require(name in model.law.memory, f"name: the law remembers {known}, not {name!r}")
+    return gap_of(model, side).memory[name].copy()
 
 
 def active(model: ContactModel, side: str) -> Flags:

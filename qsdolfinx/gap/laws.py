@@ -32,30 +32,51 @@ H = Kind(
 
 
 class Law(abc.ABC):
-    """A convex energy φ of the weighted gap: Φ = Σ S_k φ(ḡ_k), with multiplier λ_k = φ'(ḡ_k)."""
+    """A convex energy φ of the weighted gap: Φ = Σ S_k φ(ḡ_k), with multiplier λ_k = φ'(ḡ_k).
+
+    A law may remember: ``memory`` names numbers of each slave node, and :meth:`energy`,
+    :meth:`multiplier`, :meth:`slope` and :meth:`commit` are given, by these names, arrays (rows,)
+    of what they were when the step began. See the page "A contact law of my own".
+    """
 
     #: Whether the law acts on the whole jump vector (True) or on the normal gap (False).
     jump: bool
     #: Whether λ is linear in the gap: contact then adds a constant matrix.
     linear: bool
+    #: What the law remembers of each slave node, by name, and its first value.
+    memory: typing.Mapping[str, float] = {}
 
     @abc.abstractmethod
-    def energy(self, gap: Array, penalty: Array) -> Array:
+    def energy(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """φ(ḡ), energy per area at each row, shape (rows,)."""
 
     @abc.abstractmethod
-    def multiplier(self, gap: Array, penalty: Array) -> Array:
+    def multiplier(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """λ = φ'(ḡ), stress, of the gap's shape (rows, 1) or (rows, gdim)."""
 
     @abc.abstractmethod
-    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
         """φ''(ḡ) ≥ 0 at each row, stress per length, shape (rows,).
 
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
             penalty: ε of each row, stress per length, shape (rows,).
             touching: Gaps above ``-touching`` (length) count as closed.
+            memory: What the law remembers, by name, (rows,).
         """
+
+    def commit(self, gap: Array, penalty: Array, **memory: Array) -> typing.Mapping[str, Array]:
+        """What the law remembers from the end of a step on, by name, (rows,).
+
+        It is asked once a step, with the gaps of its solution; a step that is made again with a
+        smaller Δt begins with what there was.
+
+        Args:
+            gap: Weighted gaps at the end of the step.
+            penalty: As for :meth:`slope`.
+            memory: What the law remembered when the step began.
+        """
+        return memory
 
 
 class JumpLaw(Law):
@@ -64,15 +85,15 @@ class JumpLaw(Law):
     jump = True
     linear = True
 
-    def energy(self, gap: Array, penalty: Array) -> Array:
+    def energy(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """φ = ½ ε |⟦u⟧|²."""
         return 0.5 * penalty * np.sum(gap**2, axis=1)
 
-    def multiplier(self, gap: Array, penalty: Array) -> Array:
+    def multiplier(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """λ = ε ⟦u⟧."""
         return penalty[:, None] * gap
 
-    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
         """φ'' = ε everywhere."""
         return penalty
 
@@ -90,15 +111,15 @@ class Unilateral(Law):
     jump = False
     linear = False
 
-    def energy(self, gap: Array, penalty: Array) -> Array:
+    def energy(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """φ = ½ ε [ḡ]₊², as in equation (12)."""
         return 0.5 * penalty * np.maximum(gap[:, 0], 0) ** 2
 
-    def multiplier(self, gap: Array, penalty: Array) -> Array:
+    def multiplier(self, gap: Array, penalty: Array, **memory: Array) -> Array:
         """λ = ε [ḡ]₊."""
         return penalty[:, None] * np.maximum(gap, 0)
 
-    def slope(self, gap: Array, penalty: Array, touching: float) -> Array:
+    def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
         """φ'' = ε where the gap is closed: a semi-smooth derivative of [·]₊.
 
         A gap closed to rounding error counts as closed, so that bodies that just touch at the start

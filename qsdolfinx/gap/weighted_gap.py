@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.checks import require
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import (
@@ -65,6 +66,8 @@ class GapState:
         conductance: h of the rows, of contact that conducts; None of other laws.
         closed: With rows at points, the closed part of what each side of an owned node covers at
             the last solution, (nodes, gdim); None before any.
+        memory: What the law remembered of the owned nodes when the step began, by name, (nodes,).
+        committed: The same from the end of the last step on, as long as no other has begun.
     """
 
     values: Array
@@ -80,6 +83,8 @@ class GapState:
     measure: Measure | None = None
     conductance: Array | None = None
     closed: Array | None = None
+    memory: dict[str, Array] = dataclasses.field(default_factory=dict)
+    committed: dict[str, Array] | None = None
 
 
 class WeightedGap:
@@ -170,6 +175,8 @@ class WeightedGap:
         allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
         self.state = GapState(zero, multipliers, zero, zero, allowance)
         self.state.base, self.state.measure = base, measure
+        count = len(slave.node_area)
+        self.state.memory = {name: np.full(count, first) for name, first in law.memory.items()}
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         if turns and self.tie is not None:
@@ -563,12 +570,12 @@ class WeightedGap:
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.multiplier(self._shifted(eps), eps)
+        return self.law.multiplier(self._shifted(eps), eps, **self._memory_at_rows())
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.slope(self._shifted(eps), eps, touching)
+        return self.law.slope(self._shifted(eps), eps, touching, **self._memory_at_rows())
 
     def energy(self, penalty: float, part: float = 1.0) -> float:
         """This rank's part of the energy at the last evaluation. Collective.
@@ -578,7 +585,7 @@ class WeightedGap:
             part: a, what rows see of multipliers, see ``PointConstraints``.
         """
         eps = penalty * self.relative_penalty
-        density = self.law.energy(self._shifted(eps), eps)
+        density = self.law.energy(self._shifted(eps), eps, **self._memory_at_rows())
         if self.state.conductance is not None:
             return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
@@ -599,6 +606,51 @@ class WeightedGap:
         if self._at_rows[0] is not augmented:
             self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
         return self._at_rows[1]
+
+    # --- What the law remembers
+
+    @property
+    def memory(self) -> dict[str, Array]:
+        """What the law remembers of the owned nodes since the last step, by name, (nodes,)."""
+        committed = self.state.committed
+        return self.state.memory if committed is None else committed
+
+    def set_memory(self, memory: dict[str, Array]) -> None:
+        """Put back what :attr:`memory` gave."""
+        self.state.memory, self.state.committed = memory, None
+
+    def _memory_at_rows(self) -> dict[str, Array]:
+        return {name: self.rows.from_nodes(values) for name, values in self.state.memory.items()}
+
+    def begin_step(self) -> None:
+        """Let the law remember what it has at the end of the last step."""
+        self.set_memory(self.memory)
+
+    def commit(self, penalty: float) -> None:
+        """Ask the law what it remembers from the last evaluation on.
+
+        Args:
+            penalty: ε, stress per length.
+
+        Raises:
+            ValueError: If the law, the user's, gives something else.
+        """
+        if not self.law.memory:
+            return
+        eps, before = penalty * self.relative_penalty, self._memory_at_rows()
+        found = self.law.commit(self._shifted(eps), eps, **before)
+        names = sorted(found)
+        fits = names == sorted(self.law.memory)
+        require(fits, f"law: commit must return {sorted(self.law.memory)}, not {names}")
+        committed = {}
+        for name, values in found.items():
+            values = np.asarray(values, dtype=np.float64)
+            fits = values.shape == (self.num_rows,) and bool(np.isfinite(values).all())
+            require(fits, f"law: commit must return finite {name!r} of each row")
+            kept = self.state.memory[name]
+            change = self.rows.on_nodes(values - before[name], 0.0).astype(np.float64)
+            committed[name] = kept + change
+        self.state.committed = committed
 
     # --- λ̂ at all owned nodes, the same when contact pairs anew
 

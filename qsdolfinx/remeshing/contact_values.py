@@ -1,22 +1,17 @@
-"""Multipliers and history of friction of a contact, handed over to one on other meshes."""
+"""What a contact remembers, handed over to one on other meshes."""
 
 from __future__ import annotations
 
 import dataclasses
+import typing
 
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.contact import memory, multipliers
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.multipliers import (
-    num_columns,
-    on_nodes,
-    pressures_on_nodes,
-    set_on_nodes,
-    set_pressures_on_nodes,
-)
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.remeshing.surface_values import SurfaceValues
 
@@ -31,61 +26,33 @@ class ContactValues:
     """What a contact keeps from step to step, at the nodes of its surfaces.
 
     Attributes:
-        multipliers: λ̂ and τ̂ of each part.
+        of_nodes: What nodes remember, by name.
+        of_contact: What the contact remembers as a whole, by name.
         totals: ∫ λ̂ of each pass: force on its slave, signs apart, (columns,).
-        pressures: Of each slip at the start of the step, whether it slipped, its cover, and
-            what conditions have moved.
-        slipped: Slip of each pass, (nodes, gdim).
-        rate: Largest slip rate (length per time); None if it is not known.
-        dissipated: Energy that friction has taken.
     """
 
-    multipliers: list[SurfaceValues]
+    of_nodes: dict[str, SurfaceValues]
+    of_contact: dict[str, typing.Any]
     totals: list[Array]
-    pressures: list[SurfaceValues]
-    slipped: list[SurfaceValues]
-    rate: float | None
-    dissipated: float
 
     @classmethod
     def of(cls, model: ContactModel) -> ContactValues:
         """Read a contact where its surfaces were read last. Collective."""
-        parts, slips = model.parts, model.slips
-        values = zip(parts, on_nodes(parts), strict=True)
-        friction = model.friction
-        pressures = zip(slips, pressures_on_nodes(model), strict=True)
-        slipped = zip(slips, friction.slipped if friction else [], strict=True)
         return cls(
-            [SurfaceValues.of(part.slave, at_nodes) for part, at_nodes in values],
+            {q.name: SurfaceValues.of(q.slave, q.read()) for q in memory.of_nodes(model)},
+            {q.name: q.read() for q in memory.of_contact(model) if not q.of_mesh},
             [integral(gap) for gap in model.gaps],
-            [SurfaceValues.of(slip.slave, at_nodes) for slip, at_nodes in pressures],
-            [SurfaceValues.of(slip.slave, at_nodes) for slip, at_nodes in slipped],
-            friction.rate if friction else None,
-            friction.dissipated_energy() if friction else 0.0,
         )
 
     def hand_over(self, model: ContactModel) -> None:
         """Write all into a contact of the same kind on other meshes. Collective."""
-        parts = model.parts
-        found = [
-            _widened(kept.on(part.slave), num_columns(part), part.slave.gdim)
-            for kept, part in zip(self.multipliers, parts, strict=True)
-        ]
-        set_on_nodes(parts, found)
+        quantities = memory.of_nodes(model)
+        found = {q.name: q.fit(self.of_nodes[q.name].on(q.slave)) for q in quantities}
+        memory.write(quantities, found)
+        multipliers.turn(model.parts)
         for gap, total in zip(model.gaps, self.totals, strict=True):
             _correct(gap, total)
-        friction = model.friction
-        if friction is None:
-            return
-        pairs = list(zip(self.pressures, self.slipped, model.slips, strict=True))
-        columns = [kept.on(slip.slave) for kept, _, slip in pairs]
-        for column in columns:
-            column[:, 1] = np.rint(column[:, 1])
-            column[:, 3:] = np.rint(column[:, 3:])
-        set_pressures_on_nodes(model, columns)
-        friction.slipped = [kept.on(slip.slave) for _, kept, slip in pairs]
-        friction.continue_with(self.rate)
-        friction.dissipated = self.dissipated if model.comm.rank == 0 else 0.0
+        memory.write((q for q in memory.of_contact(model) if not q.of_mesh), self.of_contact)
 
 
 def integral(gap: WeightedGap) -> Array:
@@ -102,15 +69,3 @@ def _correct(part: WeightedGap, total: Array) -> None:
     factor = np.where(known, total / np.where(known, now, 1.0), 1.0)
     fits = (factor > 1 / LARGEST) & (factor < LARGEST)
     part.state.augmented = part.state.augmented * np.where(fits, factor, 1.0)
-
-
-def _widened(values: Array, columns: int, gdim: int) -> Array:
-    """Values by sides of nodes for a part that has none, or the other way round."""
-    if values.shape[1] == columns:
-        return values
-    if values.shape[1] > columns:
-        return np.asarray(values.reshape(len(values), gdim, columns).sum(axis=1))
-    width = values.shape[1]
-    out = np.zeros((len(values), gdim, width))
-    out[:, 0] = values
-    return out.reshape(len(values), columns)

@@ -208,6 +208,7 @@ def are_condensed(contacts: typing.Sequence[ContactModel]) -> bool:
     return all(
         contact.settings.sampling.quadrature == "nodal"
         and not (contact.augmented or contact.follows or contact.friction or contact.is_scalar)
+        and not contact.law.memory
         and not _is_driven(contact)
         for contact in contacts
     )

@@ -27,6 +27,7 @@ from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.creases import check_creases
 from qsdolfinx.contact.held import begin_solve, check_held
+from qsdolfinx.contact.memory import end_step
 from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.contact.shown import copy_of
 from qsdolfinx.contact.slid import check_slid
@@ -393,8 +394,7 @@ class ContactProblem:
             self._watches_reach = before
         if self._steps_within == 0:
             for contact in self.system.contacts:
-                if contact.friction is not None:
-                    contact.friction.end_step(contact.slips)
+                end_step(contact)
 
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective.
@@ -493,6 +493,8 @@ class ContactProblem:
     def _solve(self) -> None:
         self._claim_contacts()
         shown = [copy_of(contact) for contact in self.system.contacts]
+        for gap in self.system.gaps:
+            gap.begin_step()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]

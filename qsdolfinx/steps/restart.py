@@ -14,15 +14,8 @@ from dolfinx import fem, mesh
 from qsdolfinx.base.checks import FUNCTION, MAPPING, PATH, check, either, instance, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact.contact import Contact
+from qsdolfinx.contact import memory
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.multipliers import (
-    num_columns,
-    on_nodes,
-    pressures_on_nodes,
-    set_on_nodes,
-    set_pressures_on_nodes,
-)
 from qsdolfinx.friction.carried import normals_of_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
 from qsdolfinx.steps.end_of_step import pair_at, show_at
@@ -30,6 +23,7 @@ from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.stored_mesh import stored
 from qsdolfinx.steps.stored_points import load_points, stored_points
 from qsdolfinx.steps.tool_motion import ToolRate
+from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -57,17 +51,11 @@ def save_run(
     """
     _check(stepper, folder, functions, values)
     _look_for_states(stepper, functions or {})
-    multipliers = _multipliers(stepper.problem.contacts)
     state: dict[str, typing.Any] = {name: getattr(stepper, name) for name in _SCALARS}
     state["positions"] = [tool.position.tolist() for tool in stepper.tools]
     state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
-    state["penalties"] = [contact.penalty for contact in stepper.problem.contacts]
-    penalties = [contact.model.penalty for contact in stepper.problem.contacts]
-    state["of_points"] = [(p.of_points, p.of_slips) for p in penalties]
-    state["stiffness"] = [p.stiffness for p in penalties]
-    state["automatic"] = [contact.has_automatic_penalty for contact in stepper.problem.contacts]
-    state["dissipated"] = [contact.dissipated_energy() for contact in stepper.problem.contacts]
-    state["slip_rates"] = [_slip_rate(contact) for contact in stepper.problem.contacts]
+    models = [contact.model for contact in stepper.problem.contacts]
+    state["contacts"] = [{q.name: q.read() for q in memory.of_contact(m)} for m in models]
     state["log"] = stepper.log.stored()
     state["user"] = dict(values or {})
     state["num_temperatures"] = _num_temperatures(stepper)
@@ -75,11 +63,11 @@ def save_run(
         state["num_bodies"] = len(stepper.motions)
         state["remeshed_at"] = stepper.remeshed_at
     Checkpoint(stepper.problem.comm, folder).save(
-        _functions(stepper, functions) | multipliers,
+        _functions(stepper, functions) | _of_nodes(models),
         _meshes(stepper),
         state,
         stored(stepper),
-        _points(stepper.problem.contacts),
+        _points(models),
     )
 
 
@@ -127,20 +115,19 @@ def load_run(
         ValueError: If it is of another run; nothing is changed then.
     """
     _check(stepper, folder, functions, {})
-    contacts = stepper.problem.contacts
+    models = [contact.model for contact in stepper.problem.contacts]
     meshes = _meshes(stepper)
-    multipliers = _multipliers(contacts)
+    of_nodes = _of_nodes(models)
     functions_of_run = _functions(stepper, functions)
     checkpoint = Checkpoint(stepper.problem.comm, folder)
     values = checkpoint.values()
-    of_contacts = ("penalties", contacts), ("automatic", contacts)
-    for name, mine in (("positions", stepper.tools), *of_contacts):
+    for name, mine in (("positions", stepper.tools), ("contacts", models)):
         as_many = len(values.get(name, ())) == len(mine)
         require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
     temperatures = values.get("num_temperatures", 0)
     text = f"stepper: the checkpoint {folder} has {temperatures} temperatures; give it staggered="
     require(temperatures == _num_temperatures(stepper), f"{text} as before")
-    checkpoint.load(functions_of_run | multipliers, meshes)
+    checkpoint.load(functions_of_run | of_nodes, meshes)
     for motion, (_, x) in zip(stepper.motions, meshes.values(), strict=True):
         motion.set_reference(x)
     for name in _SCALARS:
@@ -158,29 +145,16 @@ def load_run(
         stepper.missed[i] = functions_of_run[f"missed_{i}"].x.array.copy()
     for place in stepper.ends():
         pair_at(*place)
-    for i, (contact, penalty) in enumerate(zip(contacts, values["penalties"], strict=True)):
-        if penalty is not None and values["automatic"][i]:
-            contact.model.penalty.set_automatic(penalty, "automatic, before the restart")
-        elif penalty is not None:
-            contact.set_penalty(penalty)
-        penalty_of = contact.model.penalty
-        penalty_of.of_points, penalty_of.of_slips = values["of_points"][i]
-        penalty_of.stiffness = tuple(values["stiffness"][i]) if "stiffness" in values else ()
-        arrays = []
-        for j, part in enumerate(contact.model.parts):
-            names = _names(i, j, num_columns(part), part.slave.gdim)
-            at_nodes = [part.slave.linear.node_values(multipliers[name]) for name in names]
-            arrays.append(np.hstack(at_nodes)[:, : num_columns(part)])
-        # The next step turns τ̂ to its tangent planes; turned here as well it would be another.
-        set_on_nodes(contact.model.parts, arrays, turn=False)
-        _load_slip(contact.model, i, multipliers, values["dissipated"][i])
-        for j in _at_points(contact.model):
-            slip = contact.model.slips[j]
-            names = _normals(i, j, slip.slave.gdim)
-            normals = [slip.slave.linear.node_values(multipliers[name]) for name in names]
-            load_points(slip, np.hstack(normals), checkpoint, f"points_{i}_{j}")
-        if contact.model.friction is not None:
-            contact.model.friction.continue_with(values["slip_rates"][i])
+    for i, (model, saved) in enumerate(zip(models, values["contacts"], strict=True)):
+        memory.write(memory.of_contact(model), saved)
+        for q in memory.of_nodes(model):
+            # The next step turns τ̂ to its tangent planes; turned here too it would be another.
+            q.write(_read(q.slave, of_nodes, _name(i, q.name), q.read().shape[1]))
+        for j in _at_points(model):
+            slip = model.slips[j]
+            width = normals_of_nodes(slip).shape[1]
+            normals = _read(slip.slave, of_nodes, _name(i, f"normal_{j}"), width)
+            load_points(slip, normals, checkpoint, f"points_{i}_{j}")
     for place in stepper.ends():
         show_at(*place)
     return typing.cast(dict[str, typing.Any], values["user"])
@@ -216,41 +190,43 @@ def _functions(
     return functions | {f"user_{name}": f for name, f in (more or {}).items()}
 
 
-#: What contacts keep of the start of a step, see ``pressures_on_nodes``.
-_OF_START = "pressed", "covered", "moved"
-
-
 def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.float64]]]:
     return {f"x_{i}": (m.mesh, m.reference.copy()) for i, m in enumerate(stepper.motions)}
 
 
-def _multipliers(contacts: typing.Sequence[Contact]) -> dict[str, fem.Function]:
-    """λ̂, τ̂, slip and pressure as functions of degree 1; normal ones in the first component."""
-    out = {}
-    for i, contact in enumerate(contacts):
-        for j, (part, values) in enumerate(
-            zip(contact.model.parts, on_nodes(contact.model.parts), strict=True)
-        ):
-            surface = part.slave.linear
-            names = _names(i, j, values.shape[1], surface.gdim)
-            padded = _padded(values, len(names) * surface.gdim)
-            for name, columns in zip(names, np.hsplit(padded, len(names)), strict=True):
-                out[name] = surface.function(columns)
-        if contact.model.friction is not None:
-            slipped = contact.model.friction.slipped
-            for j, (slip, values) in enumerate(zip(contact.model.slips, slipped, strict=True)):
-                out[f"slip_{i}_{j}"] = slip.slave.linear.function(values)
-            for j, values in enumerate(pressures_on_nodes(contact.model)):
-                surface = contact.model.slips[j].slave.linear
-                for name, columns in zip(_OF_START, np.split(values, [2, 3], axis=1), strict=True):
-                    padded = _padded(columns, surface.gdim)
-                    out[f"{name}_{i}_{j}"] = surface.function(padded)
-            for j in _at_points(contact.model):
-                surface = contact.model.slips[j].slave.linear
-                normals = np.hsplit(normals_of_nodes(contact.model.slips[j]), surface.gdim)
-                names = _normals(i, j, surface.gdim)
-                out |= {n: surface.function(v) for n, v in zip(names, normals, strict=True)}
+def _of_nodes(models: typing.Sequence[ContactModel]) -> dict[str, fem.Function]:
+    """What nodes of contacts remember, as functions of degree 1, gdim columns each. Collective."""
+    out: dict[str, fem.Function] = {}
+    for i, model in enumerate(models):
+        for q in memory.of_nodes(model):
+            out |= _written(q.slave, q.read(), _name(i, q.name))
+        for j in _at_points(model):
+            slip = model.slips[j]
+            out |= _written(slip.slave, normals_of_nodes(slip), _name(i, f"normal_{j}"))
     return out
+
+
+def _name(i: int, name: str) -> str:
+    """Of a quantity of a contact."""
+    return f"contact_{i}_{name}"
+
+
+def _written(slave: Surface, values: Array, name: str) -> dict[str, fem.Function]:
+    """Values of nodes in functions whose names have numbers. Collective."""
+    surface = slave.linear
+    parts = range(0, values.shape[1], surface.gdim)
+    columns = [_padded(values[:, k : k + surface.gdim], surface.gdim) for k in parts]
+    return {f"{name}_{k}": surface.function(values) for k, values in enumerate(columns)}
+
+
+def _read(
+    slave: Surface, functions: typing.Mapping[str, fem.Function], name: str, width: int
+) -> Array:
+    """What :func:`_written` has written, (nodes, width). Collective."""
+    surface = slave.linear
+    count = -(-width // surface.gdim)
+    values = [surface.node_values(functions[f"{name}_{k}"]) for k in range(count)]
+    return np.ascontiguousarray(np.hstack(values)[:, :width])
 
 
 def _at_points(model: ContactModel) -> list[int]:
@@ -258,14 +234,8 @@ def _at_points(model: ContactModel) -> list[int]:
     return [j for j, slip in enumerate(model.slips) if slip.gap.rows.are_points]
 
 
-def _normals(i: int, j: int, gdim: int) -> list[str]:
-    """Names of the functions that hold the normals of the sides of nodes."""
-    return [f"normal_{i}_{j}_{k}" for k in range(gdim)]
-
-
-def _points(contacts: typing.Sequence[Contact]) -> dict[str, tuple[Indices, Array]]:
+def _points(models: typing.Sequence[ContactModel]) -> dict[str, tuple[Indices, Array]]:
     """What points of slips have beyond their nodes. Collective."""
-    models = [contact.model for contact in contacts]
     return {
         f"points_{i}_{j}": stored_points(model.slips[j])
         for i, model in enumerate(models)
@@ -280,32 +250,3 @@ def _padded(values: Array, gdim: int) -> Array:
 
 def _num_temperatures(stepper: TimeStepper) -> int:
     return 0 if stepper.staggered is None else len(stepper.staggered.before)
-
-
-def _slip_rate(contact: Contact) -> float | None:
-    """Largest slip rate that friction knows of."""
-    friction = contact.model.friction
-    return None if friction is None else friction.rate
-
-
-def _names(i: int, j: int, num_columns: int, gdim: int) -> list[str]:
-    """Names of the functions that hold a part's multipliers, ``gdim`` columns each."""
-    more = range(1, -(-num_columns // gdim))
-    return [f"multiplier_{i}_{j}", *(f"multiplier_{i}_{j}_{k}" for k in more)]
-
-
-def _load_slip(
-    model: ContactModel, i: int, functions: dict[str, fem.Function], dissipated: float
-) -> None:
-    """Put back what friction has done so far, if there is any."""
-    if model.friction is None:
-        return
-    pressed = []
-    for j, slip in enumerate(model.slips):
-        surface = slip.slave.linear
-        model.friction.slipped[j] = surface.node_values(functions[f"slip_{i}_{j}"])
-        starts = [functions[f"{name}_{i}_{j}"] for name in _OF_START]
-        pressure, cover, moved = (np.asarray(surface.node_values(f)) for f in starts)
-        pressed.append(np.column_stack([pressure[:, :2], cover[:, 0], moved]))
-    set_pressures_on_nodes(model, pressed)
-    model.friction.dissipated = dissipated if model.comm.rank == 0 else 0.0

@@ -1,0 +1,186 @@
+"""Laws that remember: a user's bond that breaks, in one file."""
+
+import numpy as np
+import pytest
+from contact.bond import Bond
+from rigid_scenes import Pressed, flat
+from scenes import WORLD, largest, raises_everywhere
+
+import qsdolfinx as qs
+from qsdolfinx.contact import memory
+from qsdolfinx.remeshing.contact_values import ContactValues
+
+STRENGTH, OPENING, EPS = 0.5, 0.2, 10.0
+
+#: Ways of the tool: up to the strength, softening, back, up again and further, broken, pressed.
+WAYS = 0.04, 0.1, 0.15, 0.06, 0.15, 0.2, 0.3, -0.05
+
+
+def bonded(cell="triangle", n=3, **options):
+    options = {"law": Bond(STRENGTH, OPENING), "penalty": EPS} | options
+    return Pressed(cell, flat, n=n, **options)
+
+
+def in_closed_form(modulus):
+    """Tension at each of the ways: of the block, 1 high, and of the bond, one after the other."""
+    damage, out = 0.0, []
+    for way in WAYS:
+        if way < 0:
+            out.append(way * modulus * EPS / (modulus + EPS))
+            continue
+        first = STRENGTH / EPS
+        # Where it softens σ = strength (δ − w)/(δ − w₁), and σ = modulus (way − w).
+        k = STRENGTH / (OPENING - first)
+        w = (modulus * way - k * OPENING) / (modulus - k)
+        elastic = way * modulus / (modulus + (1 - damage) * EPS)
+        stress = lambda w, d: (1 - d) * EPS * w  # noqa: E731
+        if stress(elastic, damage) <= max(k * (OPENING - elastic), 0.0):
+            w = elastic
+        elif w >= OPENING:
+            damage, w = 1.0, way
+        else:
+            damage = 1 - k * (OPENING - w) / (EPS * w)
+        out.append(stress(w, damage))
+    return out
+
+
+@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_bond_that_breaks(cell, quadrature):
+    """Tension with the way of the tool, there and back: uniform, in closed form."""
+    scene = bonded(cell, 2 if cell == "hexahedron" else 3, quadrature=quadrature)
+    found, damage = [], []
+    for way in WAYS:
+        scene.tool.displacement[-1] = way
+        scene.problem.solve()
+        found.append(scene.contact.force("master")[-1] * -1)
+        damage.append(WORLD.allreduce(scene.contact.memory("damage").max(initial=0.0), max))
+        assert scene.problem.num_iterations < 40
+    np.testing.assert_allclose(found, in_closed_form(scene.modulus), atol=1e-7)
+    assert damage == sorted(damage) and damage[0] == 0 and damage[-1] == 1
+    assert found[6] == pytest.approx(0, abs=1e-9) and found[2] > 0.1
+    assert largest(scene.contact.memory("damage") - 1) < 1e-12
+
+
+def stepper_of(scene, ways=WAYS, **options):
+    """Each of the ways is a step."""
+    times, places = np.arange(len(ways) + 1), np.concatenate([[0.0], ways])
+
+    def drive(t, dt):
+        at = np.interp([t - dt, t], times, places)
+        scene.tool.displacement = np.eye(scene.gdim)[-1] * (at[1] - at[0])
+
+    return qs.TimeStepper(scene.problem, 1.0, drive, max_penetration=None, **options)
+
+
+def state(scene):
+    """Force and damage: uniform, so that it can be compared over any number of ranks."""
+    damage = WORLD.allreduce(scene.contact.memory("damage").max(initial=0.0), max)
+    return [*scene.contact.force("master"), damage]
+
+
+def test_restart(tmp_path):
+    """A run that was saved goes on as if uninterrupted."""
+    folder = WORLD.bcast(tmp_path) / "run"
+    whole, first, second = bonded(), bonded(), bonded()
+    steppers = [stepper_of(scene) for scene in (whole, first, second)]
+    for _ in range(3):
+        steppers[0].step()
+        steppers[1].step()
+    assert 0.1 < state(first)[-1] < 1
+    qs.save_run(steppers[1], folder)
+    qs.load_run(steppers[2], folder)
+    of_second, of_first = (scene.contact.memory("damage") for scene in (second, first))
+    np.testing.assert_allclose(of_second, of_first, atol=1e-14)
+    for _ in range(3):
+        steppers[0].step()
+        steppers[2].step()
+        np.testing.assert_allclose(state(second), state(whole), rtol=1e-9, atol=1e-11)
+
+
+def test_step_that_is_made_again():
+    """An attempt that fails leaves no damage behind."""
+    scene, other, tried = bonded(), bonded(), []
+
+    def solve(step):
+        scene.problem.solve()
+        tried.append(step)
+        if tried.count(2) == 1 and step == 2:
+            raise qs.ConvergenceError(-5, [], [])
+
+    stepper, easy = stepper_of(scene, solve=solve), stepper_of(other)
+    for _ in range(2):
+        stepper.step()
+        easy.step()
+    before = state(scene)[-1]
+    stepper.step()
+    easy.step(t_end=2.5)
+    assert stepper.num_cutbacks == 1 and stepper.t == easy.t == 2.5
+    np.testing.assert_allclose(state(scene), state(other), rtol=1e-9, atol=1e-12)
+    assert state(scene)[-1] > before + 0.01
+
+
+def test_solve_that_fails():
+    """What a law remembers is as it was."""
+    scene = bonded()
+    for scene.tool.displacement[-1] in WAYS[:3]:
+        scene.problem.solve()
+    before = scene.contact.memory("damage")
+    assert largest(before) > 0.1
+    scene.problem.snes.setTolerances(max_it=1)
+    scene.tool.displacement[-1] = 0.18
+    raises_everywhere(WORLD, qs.ConvergenceError, "did not converge", scene.problem.solve)
+    np.testing.assert_array_equal(scene.contact.memory("damage"), before)
+
+
+def test_another_mesh():
+    """Damage goes over as a mean, of which nothing gets lost."""
+    old, new = bonded(n=4), bonded(n=5)
+    gap = old.contact.model.gaps[0]
+    x = old.surface.linear.node_x[:, 0]
+    gap.set_memory({"damage": 0.2 + 0.5 * x})
+    ContactValues.of(old.contact.model).hand_over(new.contact.model)
+    found = new.contact.memory("damage")
+    totals = [
+        WORLD.allreduce(values @ scene.surface.linear.node_area)
+        for values, scene in ((0.2 + 0.5 * x, old), (found, new))
+    ]
+    assert totals[0] == pytest.approx(totals[1], rel=1e-12)
+    assert largest(found - 0.2 - 0.5 * new.surface.linear.node_x[:, 0]) < 0.06
+
+
+def test_pairing_anew():
+    """Nodes keep what they remember."""
+    scene = bonded()
+    for scene.tool.displacement[-1] in WAYS[:3]:
+        scene.problem.solve()
+    before = scene.contact.memory("damage")
+    scene.contact.update()
+    np.testing.assert_array_equal(scene.contact.memory("damage"), before)
+    names = [q.name for q in memory.of_nodes(scene.contact.model)]
+    assert names == ["multiplier_0", "law_0"]
+
+
+@pytest.mark.parametrize(
+    "law, options, match",
+    (
+        (Bond, {"enforcement": "augmented-lagrangian"}, "enforcement: a law that remembers"),
+        (Bond, {"constraints": "points"}, "constraints: a law that remembers"),
+        (Bond, {"sliding": "finite"}, "sliding: a law that remembers"),
+    ),
+)
+def test_what_is_refused(law, options, match):
+    raises_everywhere(
+        WORLD, ValueError, match, lambda: bonded(law=law(STRENGTH, OPENING), **options)
+    )
+
+
+def test_wrong_laws():
+    """What a law of the user's gives is looked at, and unknown names are refused."""
+    scene = bonded()
+    raises_everywhere(WORLD, ValueError, "damage", lambda: scene.contact.memory("wear"))
+    law = scene.contact.model.law
+    law.commit = lambda gap, penalty, damage: {"wear": damage}
+    law.slope = lambda gap, penalty, touching, damage: penalty
+    scene.tool.displacement[-1] = 0.01
+    raises_everywhere(WORLD, ValueError, "law: commit must return", scene.problem.solve)
