@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import check, either, instance, require
+from qsdolfinx.base.checks import FINITE, check, either, instance, require
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Conductance, Law, Unilateral
 from qsdolfinx.pairing.relief import Side
@@ -153,6 +153,12 @@ def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> 
     if not law.memory:
         return
     of = "a law that remembers "
+    numbers = isinstance(law.memory, typing.Mapping) and all(
+        isinstance(name, str) and FINITE.fits(first) for name, first in law.memory.items()
+    )
+    require(numbers, "law: memory must have a name and a finite first value of each number")
+    commits = type(law).commit is not Law.commit
+    require(commits, f"law: {of}needs commit, which gives what it remembers from then on")
     require(enforcement == "penalty", f'enforcement: {of}is told gap and ε alone; use "penalty"')
     small = sliding == "small" or law.jump
     require(small, f'sliding: {of}is asked at the nodes of its pairs; use "small"')

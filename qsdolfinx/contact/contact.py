@@ -96,7 +96,8 @@ class Contact:
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
             analytic shape they are the same.
-        law: ``Unilateral()`` or ``Tied()``; of scalar fields ``Tied()`` or ``Conductance(h)``.
+        law: ``Unilateral()``, ``Tied()`` or a :class:`qs.Law` of your own; of scalar fields
+            ``Tied()`` or ``Conductance(h)``.
         penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
             contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
             in velocities, whenever contact has paired anew.
@@ -553,7 +554,7 @@ class Contact:
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
-        """Forget the multipliers: the next solve starts from λ̂ = 0 and no friction."""
+        """Forget the multipliers, friction, and what a law remembers."""
         multipliers.reset(self.model)
 
     # --- Motion

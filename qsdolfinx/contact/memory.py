@@ -9,16 +9,20 @@ import dataclasses
 import functools
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,9 +74,9 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
         for j, part in enumerate(model.parts)
     ]
     for j, gap in enumerate(model.gaps):
-        if gap.law.memory:
-            read, write = functools.partial(_memory, gap), functools.partial(_set_memory, gap)
-            out.append(OfNodes(f"law_{j}", gap.slave, read, write))
+        for name in gap.law.memory:
+            own = functools.partial(_memory, gap, name), functools.partial(_set_memory, gap, name)
+            out.append(OfNodes(f"law_{j}_{name}", gap.slave, *own))
     for j, slip in enumerate(model.slips):
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
         start = functools.partial(_start, model, j), functools.partial(_set_start, model, j)
@@ -134,16 +138,43 @@ def end_step(model: ContactModel) -> None:
                 gap.commit(model.eps)
 
 
+def held_nodes(model: ContactModel) -> list[Flags]:
+    """Owned nodes of each pass that a law that remembers holds, as last evaluated. Collective."""
+    if not (model.law.memory and model.is_evaluated):
+        return []
+    found = [gap.rows.on_nodes(gap.multiplier(model.eps), 0.0) for gap in model.gaps]
+    return [np.any(values != 0, axis=1) for values in found]
+
+
+def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
+    """Warn where pairing anew has lost nodes that a law that remembers held. Collective.
+
+    Args:
+        model: The contact, as it is paired now.
+        held: What :func:`held_nodes` has found before.
+    """
+    lost = 0
+    for gap, before in zip(model.gaps, held, strict=False):
+        paired = gap.rows.on_nodes(np.ones(gap.num_rows), 0.0).astype(np.float64) > 0
+        lost += np.count_nonzero(before & ~paired)
+    lost = model.comm.allreduce(int(lost), op=MPI.SUM)
+    if lost > 0:
+        warn(
+            f"search_radius: {lost} node(s) that the law held have opened beyond it, and carry "
+            "nothing; give a larger search_radius, the opening at which the law lets go",
+            ContactWarning,
+        )
+
+
 # --- Of single passes
 
 
-def _memory(gap: WeightedGap) -> Array:
-    return np.column_stack([gap.memory[name] for name in sorted(gap.law.memory)])
+def _memory(gap: WeightedGap, name: str) -> Array:
+    return gap.memory[name][:, None]
 
 
-def _set_memory(gap: WeightedGap, values: Array) -> None:
-    names = sorted(gap.law.memory)
-    gap.set_memory({name: np.array(v) for name, v in zip(names, values.T, strict=True)})
+def _set_memory(gap: WeightedGap, name: str, values: Array) -> None:
+    gap.set_memory(gap.memory | {name: np.array(values[:, 0])})
 
 
 def _slipped(model: ContactModel, j: int) -> Array:

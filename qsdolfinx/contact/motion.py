@@ -46,6 +46,7 @@ def pair_anew(model: ContactModel) -> None:
             surfaces = map(deformable, (model.slave, model.master))
             update_surfaces(*(s for s in surfaces if s is not None))
         kept = {} if first else {q.name: q.read() for q in memory.of_nodes(model)}
+        held = memory.held_nodes(model)
         before = () if first else model.slips
         shares = model.mechanics is not None and model.mechanics.shares_pairs
         known = model.mechanics.points() if shares and model.mechanics is not None else None
@@ -59,6 +60,7 @@ def pair_anew(model: ContactModel) -> None:
         if not first:
             memory.write(memory.of_nodes(model), kept)
             multipliers.turn(paired.parts)
+            memory.check_held(model, held)
             for old, new in zip(before, paired.slips, strict=True):
                 carried.carry(old, new)
         _zero_offset(model)

@@ -94,8 +94,10 @@ def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
 
 
 def reset(model: ContactModel) -> None:
-    """Forget the multipliers: the next solve starts from λ̂ = 0, no friction, and the first ε."""
+    """Forget multipliers and what laws remember: the next solve has λ̂ = 0 and the first ε."""
     keep(model)
+    for gap in model.gaps:
+        gap.forget()
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)
         if isinstance(part, Slip):

@@ -175,8 +175,7 @@ class WeightedGap:
         allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
         self.state = GapState(zero, multipliers, zero, zero, allowance)
         self.state.base, self.state.measure = base, measure
-        count = len(slave.node_area)
-        self.state.memory = {name: np.full(count, first) for name, first in law.memory.items()}
+        self.forget()
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         if turns and self.tie is not None:
@@ -619,8 +618,16 @@ class WeightedGap:
         """Put back what :attr:`memory` gave."""
         self.state.memory, self.state.committed = memory, None
 
+    def forget(self) -> None:
+        """Let the law remember what it does at first."""
+        count, first = len(self.slave.node_area), self.law.memory
+        self.set_memory({name: np.full(count, float(first[name])) for name in first})
+
     def _memory_at_rows(self) -> dict[str, Array]:
-        return {name: self.rows.from_nodes(values) for name, values in self.state.memory.items()}
+        out = {name: self.rows.from_nodes(values) for name, values in self.state.memory.items()}
+        for values in out.values():
+            values.flags.writeable = False  # the law, the user's, is to return others
+        return out
 
     def begin_step(self) -> None:
         """Let the law remember what it has at the end of the last step."""

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
@@ -77,7 +78,10 @@ class CondensedRows:
         gap = self.gap.state.values
         with collective_errors(self.model.comm):  # the law may be the user's
             found = self.gap.multiplier(self.model.eps)
-            active = active_set.slope(self.model, self.gap) > 0
+            slope = active_set.slope(self.model, self.gap)
+            active = slope > 0
+            if self.gap.law.memory:
+                _check_slope(slope, found)
         if opened is not None:
             active &= ~opened
         pressure = np.where(active[:, None], found, 0.0)
@@ -148,6 +152,17 @@ class CondensedRows:
     def rounding(self) -> float:
         """Largest factor that turns gaps into stress on this rank."""
         return self.scales.largest()
+
+
+def _check_slope(slope: Array, pressure: Array) -> None:
+    """Refuse slopes of a law that remembers with which rows would be open that carry something.
+
+    Raises:
+        ValueError: If there are any.
+    """
+    lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
+    text = "law: slope must be positive where the multiplier is not 0; where that falls as the gap "
+    require(not (lost.any() or np.any(slope < 0)), text + "grows give the secant, multiplier / gap")
 
 
 class PointConstraints(CondensedRows):

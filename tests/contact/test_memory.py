@@ -1,5 +1,7 @@
 """Laws that remember: a user's bond that breaks, in one file."""
 
+import warnings
+
 import numpy as np
 import pytest
 from contact.bond import Bond
@@ -158,7 +160,7 @@ def test_pairing_anew():
     scene.contact.update()
     np.testing.assert_array_equal(scene.contact.memory("damage"), before)
     names = [q.name for q in memory.of_nodes(scene.contact.model)]
-    assert names == ["multiplier_0", "law_0"]
+    assert names == ["multiplier_0", "law_0_damage"]
 
 
 @pytest.mark.parametrize(
@@ -175,12 +177,77 @@ def test_what_is_refused(law, options, match):
     )
 
 
-def test_wrong_laws():
-    """What a law of the user's gives is looked at, and unknown names are refused."""
+class Forgets(Bond):
+    commit = qs.Law.commit
+
+
+class InPlace(Bond):
+    def commit(self, gap, penalty, damage):
+        damage[:] = 1.0
+        return {"damage": damage}
+
+
+class Other(Bond):
+    def commit(self, gap, penalty, damage):
+        return {"wear": damage}
+
+    def slope(self, gap, penalty, touching, damage):
+        return penalty
+
+
+class Tangent(Other):
+    def slope(self, gap, penalty, touching, damage):
+        return -penalty
+
+
+class Named(Bond):
+    memory = {"damage": np.nan}  # noqa: RUF012
+
+
+@pytest.mark.parametrize(
+    "law, match",
+    (
+        (Forgets, "law: a law that remembers needs commit"),
+        (Named, "law: memory must have a name"),
+        (InPlace, "read-only"),
+        (Other, "law: commit must return"),
+        (Tangent, "law: slope must be positive"),
+    ),
+)
+def test_wrong_laws(law, match):
+    """What a law of the user's gives is looked at."""
+
+    def call():
+        scene = bonded(law=law(STRENGTH, OPENING))
+        scene.tool.displacement[-1] = 0.01
+        scene.problem.solve()
+
+    raises_everywhere(WORLD, ValueError, match, call)
+
+
+def test_names_of_what_is_remembered():
+    """Unknown ones are refused, and reset forgets what there was."""
     scene = bonded()
     raises_everywhere(WORLD, ValueError, "damage", lambda: scene.contact.memory("wear"))
-    law = scene.contact.model.law
-    law.commit = lambda gap, penalty, damage: {"wear": damage}
-    law.slope = lambda gap, penalty, touching, damage: penalty
-    scene.tool.displacement[-1] = 0.01
-    raises_everywhere(WORLD, ValueError, "law: commit must return", scene.problem.solve)
+    for scene.tool.displacement[-1] in WAYS[:3]:
+        scene.problem.solve()
+    assert largest(scene.contact.memory("damage")) > 0.1
+    scene.contact.reset()
+    assert largest(scene.contact.memory("damage")) == 0
+
+
+def test_bond_beyond_the_search_radius():
+    """Nodes that open so far between steps are lost, with a warning; a larger radius keeps them."""
+    ways = 0.12, 0.16, 0.18, 0.19, 0.12
+    found = []
+    for radius in (0.15, 0.5):
+        scene = bonded(n=3, search_radius=radius)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            stepper = stepper_of(scene, ways)
+            for _ in ways:
+                stepper.step()
+        found.append(any("search_radius" in str(w.message) for w in caught))
+        lost = scene.contact.force("slave")[-1] == 0
+        assert found[-1] == lost
+    assert found == [True, False]
