@@ -139,11 +139,11 @@ def end_step(model: ContactModel) -> None:
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:
-    """Owned nodes of each pass that a law that remembers holds, as last evaluated. Collective."""
+    """Owned nodes of each pass that a law that remembers pulls, as last evaluated. Collective."""
     if not (model.law.memory and model.is_evaluated):
         return []
     found = [gap.rows.on_nodes(gap.multiplier(model.eps), 0.0) for gap in model.gaps]
-    return [np.any(values != 0, axis=1) for values in found]
+    return [np.any(values < 0, axis=1) for values in found]
 
 
 def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:

@@ -98,8 +98,9 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
 def turned(model: ContactModel) -> float:
     """Largest angle (radians) by which facets of bodies have turned since it paired. Collective.
 
-    Forces act along normals of the pairing: frictionless ones are off by as much. 0 of ties, on
-    tools, whose own normals count, and of the nodal rule, which stays the paper's.
+    Forces act along normals of the pairing: frictionless ones are off by as much. 0 of ties, of the
+    nodal rule, which stays the paper's, and on tools: there pairing anew for that takes twice the
+    iterations and is no closer to small steps (``bench/one_newton.py --scenes roller``).
     """
     is_nodal = model.settings.sampling.quadrature == "nodal"
     on_tool = as_tool(model.master) is not None

@@ -11,7 +11,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
-from qsdolfinx.solve.mixing import Mixing
+from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset, vectors_of
@@ -33,9 +33,6 @@ SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 #: Way (facets) of bodies along each other beyond which steps are asked first, too: see
 #: ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
 FAR = 0.5
-
-#: Part of the merit that a mixed step has to leave at most.
-LITTLE = 0.5
 
 #: Part of the first step that is less than a good start allows.
 POOR = 0.1
@@ -112,7 +109,7 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
-            mixed = self._mixed(z, at, change) if iteration > 1 else None
+            mixed = self._mixed(z, at, change) if iteration > 1 and self._leaves_out else None
             z, at, step = mixed or self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
@@ -122,6 +119,12 @@ class OneNewton:
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+
+    @property
+    def _leaves_out(self) -> bool:
+        """Whether the derivative leaves something out: where gaps follow, and of users' secants."""
+        gaps = [p.gap for p in self.equations.passes]
+        return any(gap.following is not None or bool(gap.law.memory) for gap in gaps)
 
     def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
         """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
@@ -134,7 +137,7 @@ class OneNewton:
             return None
         try:
             there = self.equations.evaluate(z + step)
-            if self._merit(there) <= LITTLE * self._merit(at):
+            if self._merit(there) <= LEFT * self._merit(at):
                 return z + step, there, 1.0
         except NoGapError:
             pass

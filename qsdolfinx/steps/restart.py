@@ -56,6 +56,7 @@ def save_run(
     state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
     models = [contact.model for contact in stepper.problem.contacts]
     state["contacts"] = [{q.name: q.read() for q in memory.of_contact(m)} for m in models]
+    state["laws"] = [sorted(model.law.memory) for model in models]
     state["log"] = stepper.log.stored()
     state["user"] = dict(values or {})
     state["num_temperatures"] = _num_temperatures(stepper)
@@ -124,6 +125,9 @@ def load_run(
     for name, mine in (("positions", stepper.tools), ("contacts", models)):
         as_many = len(values.get(name, ())) == len(mine)
         require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
+    laws = [sorted(model.law.memory) for model in models]
+    text = f"stepper: the laws of the checkpoint {folder} remember {values['laws']}, not {laws}"
+    require(values["laws"] == laws, text)
     temperatures = values.get("num_temperatures", 0)
     text = f"stepper: the checkpoint {folder} has {temperatures} temperatures; give it staggered="
     require(temperatures == _num_temperatures(stepper), f"{text} as before")

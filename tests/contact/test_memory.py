@@ -100,6 +100,35 @@ def test_restart(tmp_path):
         np.testing.assert_allclose(state(second), state(whole), rtol=1e-9, atol=1e-11)
 
 
+class Two(Bond):
+    memory = {"damage": 0.0, "most": 0.0}  # noqa: RUF012
+
+    def commit(self, gap, penalty, damage, most):
+        return super().commit(gap, penalty, damage) | {"most": np.maximum(most, -gap[:, 0])}
+
+    def slope(self, gap, penalty, touching, damage, most):
+        lasts = 1 - self.commit(gap, penalty, damage, most)["damage"]
+        return np.where(gap[:, 0] < 0, lasts, 1.0) * penalty
+
+    def multiplier(self, gap, penalty, damage, most):
+        return self.slope(gap, penalty, 0.0, damage, most)[:, None] * gap
+
+
+def test_checkpoint_of_another_law(tmp_path):
+    """Of one that remembers more or less: refused on all ranks, whichever is which."""
+    folder = WORLD.bcast(tmp_path)
+    scenes = bonded(), bonded(law=Two(STRENGTH, OPENING))
+    steppers = [stepper_of(scene) for scene in scenes]
+    for i, stepper in enumerate(steppers):
+        stepper.step()
+        qs.save_run(stepper, folder / f"{i}")
+    for i, stepper in enumerate(steppers):
+        other = folder / f"{1 - i}"
+        raises_everywhere(
+            WORLD, ValueError, "remember", lambda s=stepper, f=other: qs.load_run(s, f)
+        )
+
+
 def test_step_that_is_made_again():
     """An attempt that fails leaves no damage behind."""
     scene, other, tried = bonded(), bonded(), []
