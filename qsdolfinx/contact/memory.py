@@ -143,7 +143,7 @@ def held_nodes(model: ContactModel) -> list[Flags]:
     if not (model.law.memory and model.is_evaluated):
         return []
     found = [gap.rows.on_nodes(gap.multiplier(model.eps), 0.0) for gap in model.gaps]
-    return [np.any(values < 0, axis=1) for values in found]
+    return [np.any(values.astype(np.float64) < 0, axis=1) for values in found]
 
 
 def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
