@@ -447,7 +447,10 @@ class Crumpled:
         lost = near.inside & ~np.isfinite(gap)
         out += compare("passed through itself", lost[lost] * 1.0, 0.0)
         out += compare("within itself", np.where(near.inside, -gap, 0), allowed)
-        by_conditions = self.is_held[self.number[boundary.simplices]].any(axis=1)[simplex]
+        pairs = boundary.node_simplex
+        held = np.zeros(len(boundary.simplices), dtype=bool)
+        held[pairs[self.is_held[self.number[pairs[:, 0]]], 1]] = True
+        by_conditions = held[simplex]
         for k, tool in enumerate(scene.tools):
             distance, normal = tool.distance(boundary.points, t)
             out += compare(f"within tool {k}", np.where(by_conditions, 0, -distance), allowed)
@@ -456,8 +459,7 @@ class Crumpled:
         free = ~self.is_held
         count, per = len(boundary.simplices), len(boundary.samples)
         close = gap.reshape(count, per).min(axis=1) < size
-        pairs = boundary.node_simplex
-        if not close[pairs[self.is_held[self.number[pairs[:, 0]]], 1]].any():
+        if not close[held].any():
             out += self._balance(x[free], f[free], unit)
         return out + self._forces(forces, gap, opposite, allowed, unit)
 
