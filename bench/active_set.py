@@ -39,7 +39,7 @@ def solve(law, bodies, p):
         constraints=p.constraints if law == "unilateral" else "nodes",
         search_radius=sphere.SIDE / 4,
     )
-    problem = qs.ContactProblem(list(forms), list(u), [contact], list(bcs), solver=p.solver)
+    problem = qs.ContactProblem(list(forms), list(u), [contact], list(bcs), linear_solver=p.solver)
     problem.solve()
     out = {
         "seconds": time.process_time() - start,

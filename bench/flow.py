@@ -86,7 +86,7 @@ def elastic(unknowns):
         MPI.COMM_WORLD.barrier()
         start = time.perf_counter()
         contact = qs.Contact(surfaces[1], surfaces[0], enforcement="penalty")
-        problem = qs.ContactProblem(forms, u, [contact], bcs, solver="amg")
+        problem = qs.ContactProblem(forms, u, [contact], bcs, linear_solver="amg")
         problem.solve()
         MPI.COMM_WORLD.barrier()
         seconds.append(time.perf_counter() - start)
@@ -103,7 +103,7 @@ def measure(p, cells):
     row = {
         "cells": cells,
         "unknowns": unknowns,
-        "solver": problem.solver,
+        "solver": problem.linear_solver,
         "seconds": seconds,
         "newton": newton,
         "krylov": krylov / newton,

@@ -86,6 +86,6 @@ def flow(dim, n, solver, enforcement, mu=0.0, m=1.0):
     forms, unknowns, bcs = ([lower[i], upper[i]] for i in range(3))
     damped = {"snes_linesearch_type": "bt"}  # as qs.solve_with_continuation does
     problem = qs.ContactProblem(
-        forms, unknowns, [contact], bcs, solver=solver, petsc_options=damped
+        forms, unknowns, [contact], bcs, linear_solver=solver, petsc_options=damped
     )
     return problem, lower[4]

@@ -87,7 +87,7 @@ def iron(bodies, arguments, p):
         moved.value[:] = max(t - PRESSING, 0) * ADVANCE, 0, -DEPTH * min(t / PRESSING, 1)
 
     contact = qs.Contact(*surfaces, enforcement=p.enforcement, **arguments)
-    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=p.solver)
+    problem = qs.ContactProblem(forms, u, [contact], bcs, linear_solver=p.solver)
     stepper = qs.TimeStepper(problem, 1.0, drive)
     newton = krylov = 0
     start = time.process_time()

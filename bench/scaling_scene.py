@@ -166,7 +166,7 @@ def contact(model, n, p):
         surfaces[1], surfaces[0], law=law, quadrature=p.quadrature, enforcement=p.enforcement
     )
     options = {"ksp_rtol": 1e-8} if p.exact else {}
-    problem = qs.ContactProblem(forms, u, [pair], bcs, solver="amg", petsc_options=options)
+    problem = qs.ContactProblem(forms, u, [pair], bcs, linear_solver="amg", petsc_options=options)
     counts = Count(problem.snes.getKSP())
     problem.solve()
     seconds, busy = time.perf_counter() - start, time.process_time() - busy

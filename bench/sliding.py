@@ -58,7 +58,7 @@ def solve(p, sliding, enforcement):
         [b[1] for b in bodies],
         [contact],
         [[b[2]] for b in bodies],
-        solver=p.solver,
+        linear_solver=p.solver,
     )
     upper[3].value[:] = p.slide * size, 0.0, -0.03
     start = time.perf_counter()

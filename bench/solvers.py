@@ -89,7 +89,7 @@ def elastic(case, n, solver):
         surfaces.append(qs.Surface(V, facets=facets_at(msh, 1.0)))
     friction = qs.Coulomb(case.mu) if case.mu else None
     contact = qs.Contact(*surfaces[::-1], friction=friction)
-    return qs.ContactProblem(forms, us, [contact], bcs, solver=solver)
+    return qs.ContactProblem(forms, us, [contact], bcs, linear_solver=solver)
 
 
 def measure(case, n, solver):
@@ -106,7 +106,7 @@ def measure(case, n, solver):
         seconds = COMM.allreduce(time.process_time() - start, op=MPI.SUM)
     except qs.ConvergenceError:
         seconds = None
-    out = seconds, problem.system.x.getSize(), problem.solver
+    out = seconds, problem.system.x.getSize(), problem.linear_solver
     problem.destroy()
     return out
 

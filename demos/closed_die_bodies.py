@@ -183,7 +183,9 @@ def build(msh, dies, dt, penalty, friction="coulomb-tresca", solver="auto"):
         )
         for die in dies
     ]
-    problem = qs.ContactProblem([billet.F], [billet.w], contacts, [billet.bcs], solver=solver)
+    problem = qs.ContactProblem(
+        [billet.F], [billet.w], contacts, [billet.bcs], linear_solver=solver
+    )
     strain = fem.Function(fem.functionspace(msh, ("DG", 0)), name="strain")
     return Scene(billet, strain, contacts, problem, build_heat(billet, temperature, contacts, dt))
 

@@ -99,7 +99,7 @@ def assemble(p, h, work, dies):
         contacts.append(contact)
     F, u = [work.F, *(die.F for die in dies)], [work.w, *(die.u for die in dies)]
     bcs = [body.bcs for body in (work, *dies)]
-    problem = qs.ContactProblem(F, u, contacts, bcs, solver=p.solver)
+    problem = qs.ContactProblem(F, u, contacts, bcs, linear_solver=p.solver)
 
     def drive(t, dt):
         dies[1].height.value = -SPEED * t

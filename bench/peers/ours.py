@@ -72,7 +72,9 @@ def solve(p, job, sizes):
     )
     forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
     options = None if p.rtol is None else {"snes_rtol": p.rtol}
-    problem = qs.ContactProblem(forms, u, [contact], bcs, solver=p.solver, petsc_options=options)
+    problem = qs.ContactProblem(
+        forms, u, [contact], bcs, linear_solver=p.solver, petsc_options=options
+    )
     before = time.perf_counter()
     problem.solve()
     now = time.perf_counter()

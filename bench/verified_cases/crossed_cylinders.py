@@ -89,7 +89,7 @@ def solve(comm, sizes, ratio, name):
         [upper.u, lower.u],
         [contact],
         [upper.bcs, lower.bcs],
-        solver="amg",
+        linear_solver="amg",
     )
 
     def hold(force):

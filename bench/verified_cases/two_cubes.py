@@ -63,7 +63,7 @@ def run(small, comm):
             *(body(comm, i, n) for i, n in enumerate(sizes)), strict=True
         )
         contact = qs.Contact(upper, lower)
-        problem = qs.ContactProblem(F, u, [contact], bcs, solver="amg")
+        problem = qs.ContactProblem(F, u, [contact], bcs, linear_solver="amg")
         problem.solve()
         reference, scatter = recorded(sizes)
         name = f"force, {sizes[0]}³ and {sizes[1]}³ cells"

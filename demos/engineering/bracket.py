@@ -63,7 +63,7 @@ def tied(comm, p):
     ]
     parts = [corner, upright, shelf]
     F, u, bcs = ([getattr(part, name) for part in parts] for name in ("F", "u", "bcs"))
-    qs.ContactProblem(F, u, ties, bcs, solver="direct").solve()
+    qs.ContactProblem(F, u, ties, bcs, linear_solver="direct").solve()
     return parts, ties[1]
 
 

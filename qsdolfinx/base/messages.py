@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import logging
 import os
 import pathlib
 import sys
+import typing
 import warnings
 
 from mpi4py import MPI
@@ -28,9 +30,8 @@ def say(comm: MPI.Intracomm, text: str) -> None:
     if not logger.hasHandlers():
         print(f"qsdolfinx: {text}", file=sys.stdout, flush=True)
         return
-    if logger.level == logging.NOTSET:
-        logger.setLevel(logging.INFO)
-    logger.info(text)
+    # Whatever the level of the loggers above: who is silent by a level says so to this one.
+    logger.handle(logger.makeRecord(logger.name, logging.INFO, __file__, 0, text, (), None))
 
 
 def warn(text: str, kind: type[ContactWarning]) -> None:
@@ -42,11 +43,11 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
         text: What is wrong and what to do.
         kind: Class of the warning.
     """
-    _show_warnings()
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back
-    warnings.warn(text, kind, stacklevel=level)
+    with _shown():
+        warnings.warn(text, kind, stacklevel=level)
 
 
 class _Terminal(logging.Handler):
@@ -62,11 +63,15 @@ class _Terminal(logging.Handler):
             print(text.rstrip(), file=sys.stderr, flush=True)
 
 
-def _show_warnings() -> None:
-    """Make sure that warnings are shown: FFCx, which DOLFINx imports, hands them to logging.
+@contextlib.contextmanager
+def _shown() -> typing.Iterator[None]:
+    """Show warnings: FFCx, which DOLFINx imports, hands them to logging, where nothing shows them.
 
-    The only handler there is one that shows nothing.
+    Our handler is there for the warning alone.
     """
-    python = logging.getLogger("py.warnings")
-    if not any(isinstance(handler, _Terminal) for handler in python.handlers):
-        python.addHandler(_Terminal())
+    python, handler = logging.getLogger("py.warnings"), _Terminal()
+    python.addHandler(handler)
+    try:
+        yield
+    finally:
+        python.removeHandler(handler)

@@ -15,7 +15,6 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact import fields, motion, multipliers, overclosed, results
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import advise, chord_errors, smoothed, tell_smoothed
@@ -224,7 +223,7 @@ class Contact:
         of: Contact | None = None,
     ) -> None:
         self.model: ContactModel
-        check_alone(SLAVE, slave=slave)
+        check(SLAVE, slave=slave)
         if law is None:
             law = Tied() if slave.is_scalar else Unilateral()
         rigid = as_tool(master) is not None

@@ -14,7 +14,6 @@ from dolfinx import fem
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import conduction, memory, multipliers, overclosed, shown, terms
-from qsdolfinx.contact.lone_vertices import lone_vertices
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction import carried
@@ -202,10 +201,9 @@ def measure_anew(model: ContactModel, slave: fem.Function, master: fem.Function 
     overclosed.follow_bodies(model)
     overclosed.check_sliding(model)
     vecs = _vecs(model, slave, master)
-    alone = [lone_vertices(gap, model.gaps) for gap in model.gaps]
-    for gap, vertices in zip(model.gaps, alone, strict=True):
+    for gap in model.gaps:
         kept = model.ordered(gap, model.kinematics.in_displacement)
-        gap.measure_anew(model.ordered(gap, vecs), kept, vertices)
+        gap.measure_anew(model.ordered(gap, vecs), kept)
     for vec in vecs:
         if vec is not None:
             vec.destroy()

@@ -459,6 +459,21 @@ def multiplier_of(model: ContactModel, p: WeightedGap) -> Array:
     return p.multiplier(model.eps)
 
 
+def forces_on_bodies(model: ContactModel) -> tuple[Array, Array | None]:
+    """Forces on the owned unknowns of the slave's and the master's body. Collective.
+
+    None of a rigid tool. Of contact of a body with itself the second has none.
+    """
+    with _force_vec(model, "slave", whole_body=True) as vec:
+        slave = vec.array.copy()
+    if deformable(model.master) is None:
+        return slave, None
+    if model.with_itself:
+        return slave, np.zeros_like(slave)
+    with _force_vec(model, "master") as vec:
+        return slave, vec.array.copy()
+
+
 @contextlib.contextmanager
 def _force_vec(
     model: ContactModel, side: str, part: str = "whole", whole_body: bool = False

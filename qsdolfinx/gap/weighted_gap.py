@@ -376,21 +376,23 @@ class WeightedGap:
         assert self.following is not None
         self.state.base = self.following.pair()
 
-    def measure_anew(self, u: Vecs, kept: tuple[bool, bool], vertices: Flags | None = None) -> None:
+    def measure_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Measure areas where those unknowns alone put the facets that are kept. Collective.
+
+        Vertices that bear keep their points: without them the step would not begin in equilibrium.
 
         Args:
             u: The unknowns.
             kept: Which of the two sides are.
-            vertices: Those that have points whatever is beside them; None for none.
         """
         state = self.state
         assert self.following is not None and state.base is not None
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         places = self.following.places(state.base, u, scale)
         measure = self.following.measure(places)
-        if vertices is not None and measure.vertices is not None:
-            wanted = measure.vertices | vertices
+        before = None if state.measure is None else state.measure.vertices
+        if measure.vertices is not None and before is not None and self.following.points_are_own:
+            wanted = measure.vertices | (state.augmented > 0)
             more = bool(np.any(wanted != measure.vertices))
             if self.slave.comm.allreduce(more, op=MPI.LOR):
                 measure = self.following.measure(places, wanted)

@@ -51,10 +51,10 @@ def check_schur(
 ) -> None:
     """Refuse what ``"schur"`` is not for: bodies without a pressure, forms that do not fit."""
     if solver not in ("schur", "auto") and forms is not None:
-        raise ValueError(f'pressure_preconditioner: is for solver="schur", not {solver!r}')
+        raise ValueError(f'pressure_preconditioner: is for linear_solver="schur", not {solver!r}')
     if solver == "schur":
         if kind == "nest":
-            raise ValueError('kind: solver="schur" needs the AIJ matrix')
+            raise ValueError('kind: linear_solver="schur" needs the AIJ matrix')
         if all(pressure is None for pressure in _pressures(u)):
             raise ValueError(
                 'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '

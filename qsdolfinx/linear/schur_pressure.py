@@ -81,7 +81,7 @@ class PressureMass:
         else:
             test, trial = _test_and_trial(given)
             form = ufl.replace(given, {test: self._pressure(q), trial: self._pressure(p)})
-        self._form = fem.form(form)
+        self._form: typing.Any = body.compiling.form(form)
         #: Factor of the form, which of a user's has either sign.
         self.sign = 1.0
         self.has_sign = given is None
@@ -114,7 +114,9 @@ class PressureMass:
         form = z[4] * ufl.dx(domain=msh)
         for field in fields:
             form += 1 / len(fields) * put(field, field, 0)
-        return fem.form(form + put(along, one, 1) + put(one, along, 2) + put(one, one, 3))
+        return self.body.compiling.form(
+            form + put(along, one, 1) + put(one, along, 2) + put(one, one, 3)
+        )
 
     def assemble(self) -> None:
         """Assemble for the present unknowns. Collective."""

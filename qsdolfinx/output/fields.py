@@ -16,7 +16,6 @@ from ufl.core.expr import Expr
 
 from qsdolfinx.base.checks import FINITE, MAPPING, MESH, check, check_file, either, require
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
 from qsdolfinx.output import vtkhdf
 from qsdolfinx.surface.unknowns import is_lagrange
@@ -59,7 +58,7 @@ class FieldWriter:
         fields: typing.Mapping[str, Field],
         continuous: typing.Mapping[str, Field] | None = None,
     ) -> None:
-        check_alone(MESH, msh=msh)
+        check(MESH, msh=msh)
         with checked(msh.comm) as same:
             path = check_file("filename", filename)
             _check_suffix(path, msh)

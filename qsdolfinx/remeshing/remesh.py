@@ -26,7 +26,6 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.remeshing.errors import RemeshError, on_root
 from qsdolfinx.remeshing.features import Plane, find_features, planes_of_copy
@@ -161,7 +160,7 @@ def remesh(
             nothing is changed then.
         TypeError, ValueError: If an argument is of another type or out of range.
     """
-    check_alone(BODY, body=body)
+    check(BODY, body=body)
     msh = body if isinstance(body, mesh.Mesh) else body.function_space.mesh
     with checked(msh.comm) as same:
         gdim = msh.geometry.dim

@@ -20,7 +20,6 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
 from qsdolfinx.remeshing.features import SAME
 from qsdolfinx.remeshing.outline import Outline, gather, listed
@@ -155,7 +154,7 @@ def size_from_curvature(
     Raises:
         ValueError: If a number is not positive, or the largest size is not the largest.
     """
-    check_alone(instance((mesh.Mesh, fem.Function), "a mesh or a displacement"), body=body)
+    check(instance((mesh.Mesh, fem.Function), "a mesh or a displacement"), body=body)
     msh, x = where(body)
     with checked(msh.comm) as same:
         same(POSITIVE, angle=angle, smallest=smallest, largest=largest)
@@ -228,7 +227,7 @@ def size_from_distance(
         TypeError: If it is no tool.
         ValueError: If a length is not positive.
     """
-    check_alone(instance(RigidSurface, "a RigidSurface"), tool=tool)
+    check(instance(RigidSurface, "a RigidSurface"), tool=tool)
     with checked(tool.comm) as same:
         same(POSITIVE, near=near, far=far, reach=reach)
     distance = _distance(tool)
@@ -286,7 +285,7 @@ def size_from_field(
     Raises:
         ValueError: If the values do not ascend, or a size is not positive.
     """
-    check_alone(MESH, body=body)
+    check(MESH, body=body)
     with checked(body.comm) as same:
         at = check_array("values", values, (None,))
         wanted = check_array("sizes", sizes, at.shape)

@@ -14,7 +14,6 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import FLAG, FUNCTION, POSITIVE, check, either, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes
 from qsdolfinx.remeshing.bounded import is_of_points, project
 from qsdolfinx.remeshing.sizes import where
@@ -69,7 +68,7 @@ def transfer(
         ValueError: If spaces are of different kinds or shapes, or a point is further away.
         TypeError: If an argument is of another type.
     """
-    check_alone(FUNCTION, function=function)
+    check(FUNCTION, function=function)
     comm = function.function_space.mesh.comm
     with checked(comm) as same:
         check(SPACE, V_new=V_new)

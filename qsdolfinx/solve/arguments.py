@@ -10,7 +10,6 @@ import ufl
 from dolfinx import fem
 
 from qsdolfinx.base.checks import Kind, check, instance, require
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.body import body_of, contains
@@ -29,9 +28,63 @@ OPTIONS = Kind(
 )
 
 
+class Given(typing.NamedTuple):
+    """Bodies and contacts of a problem, as lists: one entry for each body, or contact."""
+
+    F: typing.Any
+    u: typing.Any
+    contacts: typing.Any
+    bcs: typing.Any
+    J: typing.Any
+
+    @staticmethod
+    def from_arguments(
+        F: typing.Any, u: typing.Any, contacts: typing.Any, bcs: typing.Any, J: typing.Any
+    ) -> Given:
+        """One body may be given as itself, one contact too; conditions in one list or in several.
+
+        What fits nowhere stays as it is, for the checks to name.
+        """
+        if isinstance(u, fem.Function):
+            u = [u]
+        F = [F] if isinstance(F, ufl.Form) else F
+        contacts = [contacts] if isinstance(contacts, Contact) else contacts
+        J = [J] if isinstance(J, ufl.Form) else J
+        bcs = [bcs] if isinstance(bcs, fem.DirichletBC) else bcs
+        return Given(F, u, contacts, bcs, J)
+
+    @property
+    def bodies(self) -> list[tuple[typing.Any, ...]]:
+        """Form, unknown, conditions and derivative of each body."""
+        return list(zip(self.F, self.u, self.bcs, self.J, strict=True))
+
+    def with_lists(self) -> Given:
+        """The same with conditions sorted by bodies, and entries for what is left out."""
+        J = [None for _ in self.u] if self.J is None else self.J
+        if self.bcs is None:
+            return self._replace(bcs=[[] for _ in self.u], J=J)
+        is_flat = any(isinstance(bc, fem.DirichletBC) for bc in self.bcs) or not len(self.bcs)
+        return self._replace(bcs=_by_body(self.u, self.bcs) if is_flat else self.bcs, J=J)
+
+
+def _by_body(
+    u: typing.Sequence[fem.Function], bcs: typing.Sequence[typing.Any]
+) -> list[list[fem.DirichletBC]]:
+    """Conditions of one list, sorted by the bodies on whose spaces they are."""
+    out: list[list[fem.DirichletBC]] = [[] for _ in u]
+    text = "bcs: must be dolfinx.fem.DirichletBC, or a list of them for each body in u"
+    require(_all(fem.DirichletBC, bcs), text, TypeError)
+    require(_all(fem.Function, u), "u: must hold a dolfinx.fem.Function for each body", TypeError)
+    for i, bc in enumerate(bcs):
+        fits = [k for k, f in enumerate(u) if contains(f.function_space, bc.function_space)]
+        require(fits, f"bcs: entry {i} is on the space of none of u")
+        out[fits[0]].append(bc)
+    return out
+
+
 def communicator(u: typing.Any) -> MPI.Intracomm:
     """Communicator of the first body, to agree on errors with."""
-    check_alone(BODIES, u=u)
+    check(BODIES, u=u)
     comm: MPI.Intracomm = u[0].function_space.mesh.comm
     return comm
 

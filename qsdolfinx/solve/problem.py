@@ -35,7 +35,14 @@ from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
-from qsdolfinx.solve.arguments import LIST, OPTIONS, check_bodies, check_free, communicator
+from qsdolfinx.solve.arguments import (
+    LIST,
+    OPTIONS,
+    Given,
+    check_bodies,
+    check_free,
+    communicator,
+)
 from qsdolfinx.solve.at_once import AtOnce, are_condensed
 from qsdolfinx.solve.before import Before
 from qsdolfinx.solve.chord_pressure import check_chords
@@ -56,11 +63,13 @@ from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.solve.unsupported import check_unsupported
 from qsdolfinx.system.blocks import Blocks, Side
 from qsdolfinx.system.body import Body
+from qsdolfinx.system.compiling import Compiling
 from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.matrices import Form
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
+Conditions = typing.Sequence[fem.DirichletBC]
 _counter = itertools.count()
 
 #: Linear solvers that ``"auto"`` has taken in this process, and that were told of.
@@ -81,11 +90,13 @@ class ContactProblem:
     ``kind="mpi"`` it is one AIJ matrix, or with ``"amg"`` a sum that is never formed.
 
     Args:
-        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``.
+        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``. One
+            body may be given as itself, without a list, and so may one contact.
         u: Unknown of each body, the initial guess.
         contacts: Contacts between the bodies; may be empty. Each is part of one problem at a time:
             a new one takes it over when it is first solved, and the one before cannot be any more.
-        bcs: For each body the list of its Dirichlet conditions; also on contact nodes.
+        bcs: Dirichlet conditions of all bodies in one list, or a list for each body; also on
+            contact nodes.
         J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
             found by UFL, and their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
@@ -99,7 +110,7 @@ class ContactProblem:
             ``"python"``, or one of ``"ngmres"``, ``"anderson"``, ``"nrichardson"`` and ``"qn"``
             with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
-        solver: Linear solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
+        linear_solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
             not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
@@ -112,8 +123,13 @@ class ContactProblem:
             used if ``"auto"`` takes another solver, refused with the others by name.
         stabilisation: Springs for bodies that conditions leave a rigid motion, with no part in the
             result: see :class:`Stabilisation`. None for those of bodies without any condition.
+        form_compiler_options: For FFCx, of the bodies' forms, as in ``dolfinx.fem.form``.
+        jit_options: For the C compiler of these forms, as in ``dolfinx.fem.form``.
+        entity_maps: Maps between meshes, as in ``dolfinx.fem.form``, where a form has coefficients
+            on another mesh, such as a sub-mesh of the body's.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
+        solver: The name of before of ``linear_solver``.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -121,8 +137,8 @@ class ContactProblem:
             if a type of SNES cannot solve for multipliers.
 
     Attributes:
-        solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options alone. It
-            stays while a direct solver stands in: see :attr:`solver_in_use`.
+        linear_solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options
+            alone. It stays while a direct solver stands in: see :attr:`solver_in_use`.
         stabilisation_shares: Share of the springs of ``stabilisation`` in the forces of the last
             result: 0; empty without any.
         active_history: Closed rows of each contact at each iteration of the last solve, over all
@@ -133,40 +149,49 @@ class ContactProblem:
 
     def __init__(
         self,
-        F: typing.Sequence[ufl.Form],
-        u: typing.Sequence[fem.Function],
-        contacts: typing.Sequence[Contact],
-        bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]] | None = None,
-        J: typing.Sequence[ufl.Form | None] | None = None,
+        F: ufl.Form | typing.Sequence[ufl.Form],
+        u: fem.Function | typing.Sequence[fem.Function],
+        contacts: Contact | typing.Sequence[Contact],
+        bcs: Conditions | typing.Sequence[Conditions] | None = None,
+        J: ufl.Form | typing.Sequence[ufl.Form | None] | None = None,
         *,
         petsc_options_prefix: str | None = None,
         petsc_options: dict[str, typing.Any] | None = None,
         kind: str | None = None,
-        solver: str = "auto",
+        linear_solver: str = "auto",
         pressure_preconditioner: Forms = None,
         stabilisation: Stabilisation | None = None,
+        form_compiler_options: dict[str, typing.Any] | None = None,
+        jit_options: dict[str, typing.Any] | None = None,
+        entity_maps: typing.Any = None,
         verbose: bool = False,
+        solver: str | None = None,
     ) -> None:
-        with checked(communicator(u)) as same:
-            check(LIST, F=F, u=u, contacts=contacts)
-            check(either(LIST, None), bcs=bcs, J=J)
-            bcs = [[] for _ in u] if bcs is None else bcs
-            J = [None for _ in u] if J is None else J
-            same(contacts=len(contacts))
-            same(one_of(("auto", *PRESETS)), solver=solver)
+        linear_solver = linear_solver if solver is None else solver
+        self._is_single = isinstance(u, fem.Function)
+        given = Given.from_arguments(F, u, contacts, bcs, J)
+        with checked(communicator(given.u)) as same:
+            check(LIST, F=given.F, u=given.u, contacts=given.contacts)
+            check(either(LIST, None), bcs=given.bcs, J=given.J)
+            given = given.with_lists()
+            same(contacts=len(given.contacts))
+            same(one_of(("auto", *PRESETS)), linear_solver=linear_solver)
             if kind is None:
-                kind = "nest" if solver == "fieldsplit" else "mpi"
+                kind = "nest" if linear_solver == "fieldsplit" else "mpi"
             same(one_of(("mpi", "nest")), kind=kind)
-            fits = solver != "amg" or kind == "mpi"
-            require(fits, 'kind: solver="amg" needs kind="mpi"; use "fieldsplit"')
-            check_bodies(F, u, contacts, bcs, J)
-            check_fields([contact.model for contact in contacts])
-            same(u=len(u), bcs=[len(entry) for entry in bcs])
-            check_schur(F, u, solver, kind, pressure_preconditioner)
+            fits = linear_solver != "amg" or kind == "mpi"
+            require(fits, 'kind: linear_solver="amg" needs kind="mpi"; use "fieldsplit"')
+            check_bodies(*given)
+            check_fields([contact.model for contact in given.contacts])
+            same(u=len(given.u), bcs=[len(entry) for entry in given.bcs])
+            check_schur(given.F, given.u, linear_solver, kind, pressure_preconditioner)
             same(either(instance(str, "a string"), None), petsc_options_prefix=petsc_options_prefix)
             same(either(OPTIONS, None), petsc_options=petsc_options)
             kind_of = instance(Stabilisation, "a Stabilisation")
             same(either(kind_of, None), stabilisation=stabilisation)
+            names = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
+            check(either(OPTIONS, None), **names)
+            same(**names)
             same(FLAG, verbose=verbose)
         self.verbose = bool(verbose)
         self.stabilisation = stabilisation
@@ -174,32 +199,33 @@ class ContactProblem:
         self._had_contacts = False
         self._steps_within = 0
         self._watches_reach = True
-        bodies = [Body(*given) for given in zip(F, u, bcs, J, strict=True)]
+        compiling = Compiling(form_compiler_options, jit_options, entity_maps)
+        bodies = [Body(f, x, held, K, compiling) for f, x, held, K in given.bodies]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
         prefix = petsc_options_prefix or prefix
         remove_options(prefix)
-        given = petsc_options or {}
-        chosen = {*given, *PETSc.Options(prefix).getAll()}
-        self.solver = _pick(solver, F, bodies, kind, chosen)
-        sums = self.solver in ("amg", "schur") and "pc_type" not in chosen
-        if self.solver == "fieldsplit" and len(bodies) == 1:
+        options_given = petsc_options or {}
+        chosen = {*options_given, *PETSc.Options(prefix).getAll()}
+        self.linear_solver = _pick(linear_solver, given.F, bodies, kind, chosen)
+        sums = self.linear_solver in ("amg", "schur") and "pc_type" not in chosen
+        if self.linear_solver == "fieldsplit" and len(bodies) == 1:
             kind = "mpi"  # there is nothing to split
-        self._contacts = list(contacts)
-        models = [contact.model for contact in contacts]
+        self._contacts = list(given.contacts)
+        models = [contact.model for contact in given.contacts]
         self.system = ContactSystem(bodies, models, Form.SUM if sums else Form(kind))
-        options = preset_options(self.solver, len(bodies), chosen)
-        defaults = set_options(prefix, given, options)
+        options = preset_options(self.linear_solver, len(bodies), chosen)
+        defaults = set_options(prefix, options_given, options)
         snes: PETSc.SNES = PETSc.SNES().create(comm=self.comm)
         snes.setOptionsPrefix(prefix)
         try:
             read_options(snes)
             linear = LinearSolver(
                 snes.getKSP(),
-                self.solver,
+                self.linear_solver,
                 self.system,
                 chosen,
                 pressure_preconditioner,
-                solver != "auto",
+                linear_solver != "auto",
             )
             if models and not are_condensed(models):
                 check_type(snes, linear.has_factors)
@@ -224,13 +250,18 @@ class ContactProblem:
     # --- What it is made of
 
     @property
-    def snes(self) -> PETSc.SNES:
-        """PETSc's nonlinear solver.
+    def solver(self) -> PETSc.SNES:
+        """PETSc's nonlinear solver, as that of ``dolfinx.fem.petsc.NonlinearProblem``.
 
         Raises:
             RuntimeError: If the problem has been destroyed.
         """
         return self.newton.snes
+
+    @property
+    def snes(self) -> PETSc.SNES:
+        """The same as :attr:`solver`."""
+        return self.solver
 
     @property
     def u(self) -> list[fem.Function]:
@@ -277,9 +308,9 @@ class ContactProblem:
 
     @property
     def solver_in_use(self) -> str:
-        """What :attr:`solver` is, or ``"direct"`` as long as a direct solver stands in for it."""
+        """What :attr:`linear_solver` is, or ``"direct"`` while a direct solver stands in for it."""
         linear = self.newton.linear
-        return "direct" if linear.given_up.is_now else self.solver
+        return "direct" if linear.given_up.is_now else self.linear_solver
 
     # --- How the last solve went
 
@@ -445,13 +476,13 @@ class ContactProblem:
         for contact in self.system.contacts:
             contact.problem = weakref.ref(self)
 
-    def solve(self) -> list[fem.Function]:
+    def solve(self) -> fem.Function | list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
 
         With friction it is the next step of the history, see :meth:`one_step`.
 
         Returns:
-            The unknowns, which hold the solution.
+            The unknowns, which hold the solution: a list, or one if ``u`` was given as one.
 
         Raises:
             ConvergenceError: If SNES does not converge; the unknowns, and what contacts show, are
@@ -474,7 +505,7 @@ class ContactProblem:
         ):
             self._solve()
             interrupt.look(self.comm)
-        return self.u
+        return self.u[0] if self._is_single else self.u
 
     @contextlib.contextmanager
     def _or_as_before(self) -> typing.Iterator[None]:
@@ -660,5 +691,5 @@ def _pick(
     name, reason = pick(size, gdim, has_modes, kind, is_flow)
     if name != "direct" and name not in told:
         told.add(name)
-        say(comm, f'solver="{name}": {reason}')
+        say(comm, f'linear_solver="{name}": {reason}')
     return name

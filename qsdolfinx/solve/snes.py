@@ -50,7 +50,7 @@ _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST
 
 #: What may help, by reason.
 REMEDIES = {
-    "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take solver="direct"',
+    "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take linear_solver="direct"',
     "GAP_NOT_CLOSED": 'a larger gap_tolerance, penalty="auto", or the other side as the slave',
     "FORCE_NOT_BALANCED": "a tool may pull, or a body give way without end",
 }
@@ -236,7 +236,9 @@ def check_type(snes: PETSc.SNES, has_factors: bool) -> None:
         others = ", ".join(map(repr, WITH_NEWTON))
         remedy = f"take 'newtonls', or one of {others} with npc_snes_type='newtonls'"
     elif kind == PETSc.SNES.Type.NEWTONTR and not has_factors:
-        remedy = "it needs solver='direct'; or take 'newtonls' with snes_linesearch_type='bt'"
+        remedy = (
+            "it needs linear_solver='direct'; or take 'newtonls' with snes_linesearch_type='bt'"
+        )
     if remedy:
         raise ValueError(
             f"petsc_options: snes_type={kind!r} does not solve for displacements and multipliers: "

@@ -41,6 +41,7 @@ from qsdolfinx.steps.end_of_step import Place, pair_at
 from qsdolfinx.steps.hand_over import HandOver, RemeshingReport
 from qsdolfinx.steps.mesh_motion import MeshMotion, check_own_meshes
 from qsdolfinx.steps.pairings import DistortedError
+from qsdolfinx.steps.prediction import part_of_rates
 from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.scene import Scene
 from qsdolfinx.steps.snapshot import Snapshot
@@ -526,7 +527,11 @@ class TimeStepper:
 
     def _pair_and_solve(self, dt: float, start: Snapshot) -> None:
         pairings = self._scene.pairings
-        pairings.begin(dt, start, self.rates, self.tool_rates)
+        part = part_of_rates(
+            self.problem, self.in_velocity, self.rates, self.tools, self.tool_rates, dt
+        )
+        rates = self.rates if part == 1 else [part * rate for rate in self.rates]
+        pairings.begin(dt, start, rates, [rate.times(part) for rate in self.tool_rates])
         # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
         start.restore_multipliers()
         self._run_solver()

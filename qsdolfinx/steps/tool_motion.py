@@ -39,6 +39,10 @@ class ToolRate(typing.NamedTuple):
         turned = rotation_vector(now.R @ before.R.T)
         return cls(np.asarray((center - came_from) / dt), np.asarray(turned / dt))
 
+    def times(self, part: float) -> ToolRate:
+        """The same motion at a part of its rate."""
+        return ToolRate(part * self.displacement, part * self.rotation)
+
     def go_ahead(self, tool: RigidSurface, time: float) -> None:
         """Let the tool go on at this rate; what is left of its motion stays to be made."""
         if not np.any([*self.displacement, *self.rotation]):

@@ -15,7 +15,6 @@ from dolfinx import graph, io, mesh
 from qsdolfinx import compat
 from qsdolfinx.base.checks import MESH, TAGS, check, check_array, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.surface.arguments import is_of
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +52,7 @@ def repartition(
             those of another mesh.
         TypeError: If it is no mesh, or tags are something else.
     """
-    check_alone(MESH, msh=msh)
+    check(MESH, msh=msh)
     with checked(msh.comm) as same:
         towards = _checked(msh, directions, tags)
         same(directions=towards)

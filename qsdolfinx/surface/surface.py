@@ -15,7 +15,6 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone, end_all_ranks
 from qsdolfinx.compat import collapse, is_sub_space
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
@@ -83,9 +82,8 @@ class Surface:
         facets: npt.ArrayLike | None = None,
         axisymmetric: bool = False,
     ) -> None:
-        check_alone(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
+        check(instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace"), V=V)
         comm, topology = V.mesh.comm, V.mesh.topology
-        end_all_ranks(comm)
         if topology.cell_type in FACET_VERTICES:
             topology.create_connectivity(topology.dim - 1, topology.dim)
             topology.create_connectivity(topology.dim, topology.dim - 1)

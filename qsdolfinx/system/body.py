@@ -19,6 +19,7 @@ from ufl.algorithms import expand_derivatives
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
 from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
+from qsdolfinx.system.compiling import Compiling
 from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
@@ -63,6 +64,7 @@ class Body:
         u: Unknown of the form.
         bcs: Dirichlet conditions on u.
         J: Derivative of F; by default it is derived. Not used if F is linear in u.
+        compiling: How its forms are compiled.
     """
 
     def __init__(
@@ -71,8 +73,11 @@ class Body:
         u: fem.Function,
         bcs: typing.Sequence[fem.DirichletBC],
         J: ufl.Form | None = None,
+        compiling: Compiling = Compiling(),
     ) -> None:
         self.u = u
+        #: How its forms are compiled.
+        self.compiling = compiling
         self.bcs = list(bcs)
         self.V = u.function_space
         #: Its residual.
@@ -82,8 +87,8 @@ class Body:
         self.linear = u not in derivative.coefficients()
         tangent = derivative if self.linear or J is None else J
         self._tangent_ufl = tangent
-        self._residual_form = fem.form(F)
-        self._tangent_form = fem.form(tangent)
+        self._residual_form = compiling.form(F)
+        self._tangent_form = compiling.form(tangent)
         self._K: PETSc.Mat | None = None
         # Its upper triangle, and the assembly that it is of.
         self._half: PETSc.Mat | None = None

@@ -17,7 +17,6 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.compat import cell_nodes, coordinate_element, mesh_of_nodes
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.facets import in_cells
@@ -77,7 +76,7 @@ def elevate(
         >>> V = fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
         >>> hole = qs.Surface(V, facet_tags, 3)
     """
-    check_alone(instance(mesh.Mesh, "a dolfinx.mesh.Mesh"), msh=msh)
+    check(instance(mesh.Mesh, "a dolfinx.mesh.Mesh"), msh=msh)
     with checked(msh.comm) as same:
         if shape is not None:
             check(instance(Smooth, "a surface of qs.smooth"), shape=shape)

@@ -27,7 +27,6 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, checked_once
-from qsdolfinx.base.crash import check_alone, end_all_ranks
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix, rotation_vector
 from qsdolfinx.surface.surface import Surface
@@ -85,7 +84,6 @@ class RigidSurface:
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
-        end_all_ranks(comm)
         self._comm = comm
         self._center = np.asarray(center, dtype=np.float64)
         self._pose = Pose.at_rest(len(self._center))
@@ -115,7 +113,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the normal is zero.
         """
-        check_alone(COMMUNICATOR, comm=comm)
+        check(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("point", point)
             n = unit_vector("normal", normal, len(x))
@@ -144,7 +142,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the axis is zero, or the radius is not positive.
         """
-        check_alone(COMMUNICATOR, comm=comm)
+        check(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("point", point)
             a = None if len(x) == 2 else unit_vector("axis", axis, 3)
@@ -169,7 +167,7 @@ class RigidSurface:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
                 the radius is not positive.
         """
-        check_alone(COMMUNICATOR, comm=comm)
+        check(COMMUNICATOR, comm=comm)
         with checked(comm) as same:
             x = point_of("center", center)
             same(center=x)
@@ -201,7 +199,7 @@ class RigidSurface:
                 index is out of range, or a facet has no area, or neighbours are oriented in
                 opposite ways.
         """
-        check_alone(COMMUNICATOR, comm=comm)
+        check(COMMUNICATOR, comm=comm)
         facets, middle = triangulation.scatter(comm, x, triangles, center)
         return cls(comm, middle, facets)
 
@@ -232,7 +230,7 @@ class RigidSurface:
             ContactWarning: If triangles without area are left out.
         """
         stl = None
-        check_alone(COMMUNICATOR, comm=comm)
+        check(COMMUNICATOR, comm=comm)
         with checked(comm):
             if comm.rank == 0:
                 check(PATH, filename=filename)
@@ -267,7 +265,7 @@ class RigidSurface:
             ValueError: If the mesh has another dimension or order, is not finite, a cell has no
                 area, or neighbours are oriented in opposite ways.
         """
-        check_alone(MESH, msh=msh)
+        check(MESH, msh=msh)
         facets, middle = triangulation.of_mesh(msh, inside, center)
         return cls(msh.comm, middle, facets)
 

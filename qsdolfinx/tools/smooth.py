@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.checks import POSITIVE, check, instance, number, require
-from qsdolfinx.base.crash import check_alone
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools import shapes
 from qsdolfinx.tools.heights import check_near
@@ -53,7 +52,7 @@ class Smooth(abc.ABC):
             ValueError: If vertices are off by more than a tenth of the facets' chord error, or the
                 kind is one in 3D and the surface in 2D.
         """
-        check_alone(instance(Surface, "a qsdolfinx.Surface"), surface=surface)
+        check(instance(Surface, "a qsdolfinx.Surface"), surface=surface)
         found = cls._fitted(_Cloud(surface))
         check_near(found.shape, cls.__name__, surface.cpp_object, surface.comm, "surface")
         return found

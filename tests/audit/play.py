@@ -68,7 +68,7 @@ class Play:
             [a.u for a in self.actors],
             [self.contact],
             [a.bcs for a in self.actors],
-            solver=history.solver,
+            linear_solver=history.solver,
         )
         self.stepper = qs.TimeStepper(
             self.problem, 1.0, self.drive, solve=self.solve, dt_min=0.01, **history.stepping

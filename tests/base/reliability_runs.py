@@ -40,14 +40,6 @@ def thrown(folder):
     Upset(drive=drive).stepper.step()
 
 
-def thrown_alone(folder):
-    """One rank raises where the others are in a collective call."""
-    case = Upset()
-    if last():
-        raise KeyError("load table")
-    case.stepper.step()
-
-
 def _alone(make, *right):
     """The last rank gets something else first, which does not tell it the communicator."""
     make(*([None, *right[1:]] if last() else right))

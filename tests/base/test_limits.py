@@ -61,7 +61,7 @@ def jumps_of_a_mini_body():
     u, p = ufl.split(w)
     F = materials.incompressible(w, materials.newtonian(u, 1.0))
     F += ufl.jump(p) * ufl.jump(q) * ufl.dS
-    qs.ContactProblem([F], [w], [], solver="schur")
+    qs.ContactProblem([F], [w], [], linear_solver="schur")
 
 
 def new_mesh(made):
@@ -380,7 +380,7 @@ CASES = {
     ),
     # Solvers and materials
     "SNES did not converge: DIVERGED_": lambda s, folder: pulled_off(),
-    'kind: solver="amg" needs kind="mpi"; use "fieldsplit"': (
+    'kind: linear_solver="amg" needs kind="mpi"; use "fieldsplit"': (
         lambda s, folder: s.pair.problem(solver="amg", kind="nest")
     ),
     'solver: "schur" needs a body in velocity and pressure': (

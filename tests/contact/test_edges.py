@@ -13,7 +13,7 @@ import qsdolfinx as qs
 def problem_of(bodies, surfaces, solver="auto", **options):
     contact = qs.Contact(*surfaces, **options)
     forms, unknowns, bcs = ([getattr(b, name) for b in bodies] for name in ("F", "u", "bcs"))
-    return contact, qs.ContactProblem(forms, unknowns, [contact], bcs, solver=solver)
+    return contact, qs.ContactProblem(forms, unknowns, [contact], bcs, linear_solver=solver)
 
 
 @pytest.mark.parametrize("depth", (0.01, 0.2))

@@ -63,7 +63,7 @@ def stretched(whole, n, **options):
             bcs[-1] += [slide(space, axis, plane(space.mesh, axis, 0.0)) for axis in (0, 1)]
     solver = options.pop("solver", "direct")
     contact = contact_of(V, qs.Tied(), **options)
-    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem = qs.ContactProblem(F, u, [contact], bcs, linear_solver=solver)
     problem.solve()
     p, slave = contact.model.gaps[0], contact.slave
     x = slave.node_x[p.operator.row_node]
@@ -150,7 +150,7 @@ def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
         surfaces[1], surfaces[0] if master == "deformable" else floor, law=law(), friction=friction
     )
     bcs = [[slide(s, axis, plane(s.mesh, axis, 0.0)) for axis in range(gdim - 1)] for s in V[parts]]
-    qs.ContactProblem(F[parts], u[parts], [contact], bcs, solver="direct").set_up()
+    qs.ContactProblem(F[parts], u[parts], [contact], bcs, linear_solver="direct").set_up()
     found = [(gap, gap.extension) for gap in contact.model.gaps]
     found += [(of.by_node, of) for of in contact.model.held_slips]
     assert len(found) == len(contact.model.parts)
@@ -206,7 +206,7 @@ def strained(cell, n, law, swap=False, solver="direct", degree=1, **options):
         dofs = (fem.locate_dofs_topological(space, gdim - 1, facets) for facets in held)
         bcs.append([fem.dirichletbc(field, d) for d in dofs])
     contact = contact_of(V, law, swap, **options)
-    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem = qs.ContactProblem(F, u, [contact], bcs, linear_solver=solver)
     problem.solve()
     return [a.x.array - b.x.array for a, b in zip(u, exact, strict=True)], contact, problem
 

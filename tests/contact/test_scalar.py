@@ -299,7 +299,7 @@ def test_linear_solvers(law, solver):
     scene = Blocks("tetrahedron", finer=2)
     contact = qs.Contact(*scene.surfaces, law=law)
     problem = qs.ContactProblem(
-        scene.F, scene.T, [contact], scene.ends(800.0, 250.0), solver=solver
+        scene.F, scene.T, [contact], scene.ends(800.0, 250.0), linear_solver=solver
     )
     problem.solve()
     between = 0.0 if isinstance(law, qs.Tied) else 1 / 30.0

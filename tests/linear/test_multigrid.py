@@ -132,7 +132,7 @@ def test_shift_in_the_coarse_matrix():
         for z, tool in zip((0.0, 1.0), tools, strict=True)
     ]
     tools[1].displacement = [0, 0, -0.02]
-    problem = qs.ContactProblem([elastic(u)], [u], contacts, solver="amg")
+    problem = qs.ContactProblem([elastic(u)], [u], contacts, linear_solver="amg")
     problem.solve()
     shifted = problem.system.made.tangent.sum.shift is not None
     errors = galerkin_errors(problem)

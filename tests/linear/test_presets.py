@@ -45,13 +45,13 @@ def test_pick(monkeypatch, caplog):
     names = []
     for limit in (10**6, 10, 10):
         monkeypatch.setitem(presets.LARGE, 3, limit)
-        names.append(solution("hexahedron", "auto", enforcement="penalty")[1].solver)
+        names.append(solution("hexahedron", "auto", enforcement="penalty")[1].linear_solver)
     options = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
-    names.append(solution("hexahedron", "auto", options=options, enforcement="penalty")[1].solver)
+    names.append(solution("hexahedron", "auto", options=options, enforcement="penalty")[1].linear_solver)
     printed = caplog.text
-    mixed = Pair("triangle", space=mini_space).problem().solver
+    mixed = Pair("triangle", space=mini_space).problem().linear_solver
     other = solution("hexahedron", "auto", options=LOOKING, enforcement="penalty")[1]
-    assert other.solver == "amg" and other.snes.getKSP().getTolerances()[0] == 1e-9
+    assert other.linear_solver == "amg" and other.snes.getKSP().getTolerances()[0] == 1e-9
     assert names == ["direct", "amg", "amg", "options"] and mixed == "direct"
     assert (printed.count("solver") == 1 and "10 or more" in printed) or WORLD.rank > 0
     assert presets.pick(10**9, 3, True, "nest")[0] == "fieldsplit"

@@ -43,7 +43,7 @@ def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
     if problem.comm.rank == 0:
         assert said.count("DIVERGED_MAX_IT; a direct solver takes over") == 1
         assert "1 restart" in said
-    assert problem.solver == solver and problem.solver_in_use == "direct"
+    assert problem.linear_solver == solver and problem.solver_in_use == "direct"
     assert problem.num_restarts == 0  # of the second solve
     for restarts in (1, 0, 1, 0, 0, 0, 1):
         caplog.clear()
@@ -106,7 +106,7 @@ def test_patience(monkeypatch, caplog):
         assert problem.solver_in_use == ("amg" if name == "amg" else "direct")
         iterations.append(problem.num_iterations)
         if name == "auto":
-            assert problem.solver == "amg" and problem.num_linear_iterations < 200
+            assert problem.linear_solver == "amg" and problem.num_linear_iterations < 200
     assert largest(found[1] - found[0]) < 1e-6 * largest(found[0])
     assert iterations[1] <= iterations[0] + 8  # from before what multigrid has made of it
     assert "DIVERGED_MAX_IT; a direct" in caplog.text or WORLD.rank > 0
@@ -189,5 +189,5 @@ def test_rotation_of_a_quadratic_block():
     tool = qs.RigidSurface.plane(WORLD, [0.0] * 3, [0.0, 0.0, 1.0])
     surface = qs.Surface(V, facets=plane(msh, 2, 0.0))
     contact = qs.Contact(surface, tool, enforcement="augmented-lagrangian", quadrature="overlay")
-    qs.ContactProblem([F], [u], [contact], solver="amg").solve()
+    qs.ContactProblem([F], [u], [contact], linear_solver="amg").solve()
     np.testing.assert_allclose(contact.force("slave"), [0, 0, 0.01], atol=1e-9)

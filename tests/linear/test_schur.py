@@ -68,7 +68,7 @@ def problem_of(bodies, solver, friction=None, tight=True, **options):
     tight = {"ksp_rtol": 1e-11, "snes_rtol": 1e-11} if solver == "schur" and tight else {}
     forms, unknowns, bcs = ([body[i] for body in bodies] for i in range(3))
     return qs.ContactProblem(
-        forms, unknowns, [contact], bcs, solver=solver, petsc_options=tight, **options
+        forms, unknowns, [contact], bcs, linear_solver=solver, petsc_options=tight, **options
     )
 
 
@@ -151,7 +151,7 @@ def test_straight_to_small_rate_sensitivities():
         surfaces = [body[3] for body in bodies]
         contact = qs.Contact(*surfaces, unknown="velocity", dt=DT)
         forms, u, bcs = ([body[i] for body in bodies] for i in range(3))
-        problem = qs.ContactProblem(forms, u, [contact], bcs, solver=solver)
+        problem = qs.ContactProblem(forms, u, [contact], bcs, linear_solver=solver)
         problem.solve()
         assert problem.num_restarts == 0
         found.append([w.x.array.copy() for w in u])
@@ -168,7 +168,7 @@ def test_interior_facets(monkeypatch):
     bodies[0] = (bodies[0][0] - jumps, *bodies[0][1:])
     raises_everywhere(WORLD, ValueError, "interior facets", lambda: problem_of(bodies, "schur"))
     if WORLD.size == 1:  # ghosts that dS asks for are not there
-        assert problem_of(bodies, "auto").solver == "direct"
+        assert problem_of(bodies, "auto").linear_solver == "direct"
 
 
 def test_later_solves():
@@ -305,9 +305,9 @@ def test_given_form():
 
 def test_auto(monkeypatch, caplog):
     """By size, said aloud; a form of the user's decides nothing."""
-    names = [problem_of(SCENES["3D"](), "auto").solver]
+    names = [problem_of(SCENES["3D"](), "auto").linear_solver]
     monkeypatch.setitem(presets.LARGE_FLOW, 3, 10)
-    names.append(problem_of(SCENES["3D"](), "auto").solver)
+    names.append(problem_of(SCENES["3D"](), "auto").linear_solver)
     printed = caplog.text
     assert names == ["direct", "schur"]
     assert WORLD.rank > 0 or ("schur" in printed and "or more" in printed)
@@ -347,6 +347,6 @@ def test_tiny_viscosities():
         stresses = [materials.newtonian(ufl.split(w)[0], scale) for w in u]
         F = [materials.incompressible(w, stress) for w, stress in zip(u, stresses, strict=True)]
         contact = qs.Contact(*surfaces, unknown="velocity", dt=DT)
-        qs.ContactProblem(F, u, [contact], bcs, solver="direct", petsc_options=room).solve()
+        qs.ContactProblem(F, u, [contact], bcs, linear_solver="direct", petsc_options=room).solve()
         forces.append(contact.force("slave") / scale)
     np.testing.assert_allclose(forces[1], forces[0], atol=1e-5 * largest(forces[0]))

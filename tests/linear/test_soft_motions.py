@@ -40,7 +40,7 @@ def pressed(solver):
     )
     contact = qs.Contact(*surfaces)
     bcs = [[], [clamp(V, plane(lower, 2, -1.0))]]
-    problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, solver=solver)
+    problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, linear_solver=solver)
     forces, places = [], []
     for factor in LOADS:
         load.value[2] = -0.01 * factor
@@ -72,7 +72,7 @@ def squeezed(solver):
     surfaces = [qs.Surface(W.sub(0), facets=plane(msh, 1, z)) for z in (0.0, 1.5)]
     options = {"unknown": "velocity", "dt": 0.05, "enforcement": "augmented-lagrangian"}
     contacts = [qs.Contact(*pair, **options) for pair in zip(surfaces, planes, strict=True)]
-    problem = qs.ContactProblem([F], [w], contacts, [[]], solver=solver)
+    problem = qs.ContactProblem([F], [w], contacts, [[]], linear_solver=solver)
     found = []
     for speed in SPEEDS:
         planes[1].displacement = [0.0, -0.05 * speed]
@@ -106,7 +106,7 @@ def test_only_where_they_are_free(monkeypatch, held):
         for z, s in ((0.0, 1.0), (1.0, -1.0))
     ]
     bcs = [slide(V, 0, plane(msh, 0, 0.0))] if held else []
-    problem = qs.ContactProblem([elastic(u)], [u], contacts, [bcs], solver="amg")
+    problem = qs.ContactProblem([elastic(u)], [u], contacts, [bcs], linear_solver="amg")
     problem.solve()
     assert bool(made) != held
     assert problem.newton.linear.soft.count == (0 if held else 1)

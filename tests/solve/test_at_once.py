@@ -46,7 +46,7 @@ def test_driven_tool():
     tool.drive(0.02, [0.0, 0.0, 1.0])
     contact = qs.Contact(pair.slave, tool, friction=qs.Coulomb(0.2), **EXACT)
     bcs = [clamp(pair.V[1], plane(pair.meshes[1], 2, 1.0))]
-    problem = qs.ContactProblem([pair.F[1]], [pair.u[1]], [contact], [bcs], solver="direct")
+    problem = qs.ContactProblem([pair.F[1]], [pair.u[1]], [contact], [bcs], linear_solver="direct")
     problem.solve()
     assert np.isclose(contact.force("slave")[2], 0.02, rtol=1e-7)
 
@@ -59,7 +59,7 @@ def test_a_failed_solve_leaves_everything():
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     contact = qs.Contact(pair.slave, tool, **EXACT)
     F, bcs = pair.F[1] - load * v[1] * ufl.dx, [slide(pair.V[1], 0, plane(pair.meshes[1], 0, 0.0))]
-    problem = qs.ContactProblem([F], [pair.u[1]], [contact], [bcs], solver="direct")
+    problem = qs.ContactProblem([F], [pair.u[1]], [contact], [bcs], linear_solver="direct")
     problem.solve()
     assert np.isclose(contact.force("slave")[1], 1.0)
     before, load.value = pair.u[1].x.array.copy(), 1.0

@@ -77,7 +77,7 @@ def quarter_on_plate(ratio, swap=False, solver="direct", **options):
         surfaces.append(qs.Surface(V, facets=plane(V.mesh, 2, 1.0)))
     master, slave = surfaces[::-1] if swap else surfaces
     contact = qs.Contact(slave, master, law=qs.Tied(), **options)
-    problem = qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    problem = qs.ContactProblem(F, u, [contact], bcs, linear_solver=solver)
     problem.solve()
     return contact, problem
 

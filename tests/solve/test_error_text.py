@@ -91,4 +91,4 @@ def test_few_iterations(rubber):
 def test_remedies_are_those_of_reasons():
     error = qs.ConvergenceError(-3, [1.0, 2.0], [[3]], linear_reason=-11)
     assert "DIVERGED_LINEAR_SOLVE (-3), linear solver: DIVERGED_PCSETUP_FAILED (-11)" in str(error)
-    assert 'may help: conditions may be missing; or take solver="direct"' in str(error)
+    assert 'may help: conditions may be missing; or take linear_solver="direct"' in str(error)

@@ -30,7 +30,7 @@ def test_residual(size, friction, solver):
     )
     contact = qs.Contact(*surfaces, friction=friction)
     bcs = [[], [clamp(V, plane(lower, 1, -1.0))]]
-    problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, solver=solver)
+    problem = qs.ContactProblem([F, elastic(u)], [v, u], [contact], bcs, linear_solver=solver)
     problem.solve()
     system = problem.system
     residual = system.norm(system.residual(system.x.array_r))

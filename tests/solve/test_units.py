@@ -64,7 +64,7 @@ def on_a_plane(E, L, law, travel=0.0, dim=2, **options):
     surface = qs.Surface(block.V, facets=block.bottom)
     contact = qs.Contact(surface, tool, enforcement=enforcement, **timed, **near)
     solver = options.get("solver", "direct")
-    return contact, qs.ContactProblem([block.F], [block.u], [contact], [bcs], solver=solver)
+    return contact, qs.ContactProblem([block.F], [block.u], [contact], [bcs], linear_solver=solver)
 
 
 def on_a_block(E, L, law, ratio=1.0, **options):
@@ -79,7 +79,7 @@ def on_a_block(E, L, law, ratio=1.0, **options):
     contact = qs.Contact(*surfaces[::-1], enforcement=enforcement, quadrature="overlay")
     F, u = [b.F for b in blocks], [b.u for b in blocks]
     solver = options.get("solver", "direct")
-    return contact, qs.ContactProblem(F, u, [contact], bcs, solver=solver)
+    return contact, qs.ContactProblem(F, u, [contact], bcs, linear_solver=solver)
 
 
 def force(scene, E, L, *args, **options):

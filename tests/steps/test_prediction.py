@@ -1,6 +1,8 @@
 """Where a time step starts: displacements go on at their rate, meshes are moved by velocities."""
 
+import numpy as np
 import pytest
+from following import Body, create, problem_of
 from scenes import WORLD, box, elastic, largest, plane, slide, vector_space
 from step_scenes import SPEED, Upset, refuse
 
@@ -12,7 +14,7 @@ import qsdolfinx as qs
 class Pressed:
     """An elastic block that slides on its sides, below a plane that goes down at one speed."""
 
-    def __init__(self, dt, solve=None, **stepping):
+    def __init__(self, dt, solve=None, drive=None, **stepping):
         self.mesh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
         self.V = V = vector_space(self.mesh)
         self.u = fem.Function(V)
@@ -20,9 +22,14 @@ class Pressed:
         surface = qs.Surface(V, facets=plane(self.mesh, 1, 1.0))
         options = {"enforcement": "penalty", "penalty": 50.0}
         contact = qs.Contact(surface, self.tool, "master-slave", **options)
-        bcs = [slide(V, i, plane(self.mesh, i, 0.0)) for i in (0, 1)]
+        self.bottom = fem.Constant(self.mesh, 0.0)
+        at = fem.locate_dofs_topological(V.sub(1), 1, plane(self.mesh, 1, 0.0))
+        bcs = [
+            slide(V, 0, plane(self.mesh, 0, 0.0)),
+            fem.dirichletbc(self.bottom, at, V.sub(1)),
+        ]
         self.problem = qs.ContactProblem([elastic(self.u)], [self.u], [contact], [bcs])
-        self.stepper = qs.TimeStepper(self.problem, dt, self.move, solve=solve, **stepping)
+        self.stepper = qs.TimeStepper(self.problem, dt, drive or self.move, solve=solve, **stepping)
 
     def move(self, t, dt):
         self.tool.displacement = [0.0, -0.1 * dt]
@@ -51,6 +58,67 @@ def test_displacements_go_on_at_their_rate():
         assert largest(starts[i] - expected) < 1e-14
         assert largest(ends[i] - ends[i - 1]) > 0.01 * size
         assert largest(ends[i + 1] - expected) < 1e-3 * size  # not quite: the surface gets longer
+
+
+@pytest.mark.parametrize("part", (0.0, 0.5, -1.0, 1.5))
+@pytest.mark.parametrize("by_conditions", (False, True))
+def test_loads_that_go_on_in_part(by_conditions, part):
+    """What moves at a part of its rate, from 0 to 1: as much of the last step is predicted."""
+    starts = []
+
+    def solve(step):
+        if step == 1:
+            starts.append(case.u.x.array.copy())
+        case.problem.solve()
+
+    def drive(t, dt):
+        way = 0.1 * dt * (1 if t < 0.25 else part)
+        if by_conditions:
+            case.bottom.value += way
+        else:
+            case.tool.displacement = [0.0, -way]
+
+    case = Pressed(0.2, solve, drive)
+    case.stepper.step()
+    end = case.u.x.array.copy()
+    case.stepper.step()
+    expected = end * (1 + min(max(part, 0.0), 1.0))
+    assert largest(starts[0] - expected) < 0.01 * largest(end)
+
+
+@pytest.mark.parallel
+def test_a_step_without_a_change_of_loads():
+    """It is the equilibrium there was: a tip that was dragged would snap over lines of the mesh."""
+    block = Body(box(WORLD, (20, 6), "quadrilateral", (0.0, -1.0), (3.0, 0.0)))
+    tip = Body(wedge_of(6, 0.6, 0.3))
+    block.clamp(plane(block.mesh, 1, -1.0))
+    top = tip.clamp(plane(tip.mesh, 1, 1.5))
+    bottom = tip.boundary(lambda x: np.isclose(x[1], abs(x[0] - 0.6) / 0.3))
+    contact = qs.Contact(tip.surface(bottom), block.side(1, 0.0))
+
+    def drive(t, dt):
+        way = 0.1 * min(t, 9.0)
+        top.value[:] = max(way - 0.5, 0.0), -0.2 * min(2 * way, 1.0)
+
+    stepper = qs.TimeStepper(problem_of([block, tip], [contact]), 1.0, drive)
+    for _ in stepper.run(9.0):
+        pass
+    before = tip.u.x.array.copy(), contact.force("slave")
+    for _ in range(3):
+        stepper.step()
+        assert stepper.num_iterations == 0
+        assert largest(tip.u.x.array - before[0]) < 1e-9
+        np.testing.assert_allclose(contact.force("slave"), before[1], rtol=1e-7)
+
+
+def wedge_of(n, x, half):
+    """A wedge of n × n cells with its tip at (x, 0), up to y = 1.5."""
+    s = np.linspace(0, 1, n + 1)
+    across = 2 * s - 1
+    nodes = [[x + half * a, abs(a) + (1.5 - abs(a)) * y] for y in s for a in across]
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    cells = np.stack([first, first + 1, first + n + 2, first + n + 1], axis=1)[:, [0, 1, 3, 2]]
+    return create("quadrilateral", np.array(nodes), cells)
 
 
 def test_a_failed_attempt_predicts_anew():

@@ -42,7 +42,7 @@ def problem(material, part="half", held=False, solver="direct"):
         bcs.append(fem.dirichletbc(np.zeros(2), fem.locate_dofs_topological(V, 0, rest), V))
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), floor, penalty=1e4)
-    return qs.ContactProblem([F], [u], [contact], [bcs], solver=solver)
+    return qs.ContactProblem([F], [u], [contact], [bcs], linear_solver=solver)
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ class Lever:
             **options,
         )
         self.problem = qs.ContactProblem(
-            [elastic(self.u, E, 0.3)], [self.u], [self.contact], [self.bcs], solver=solver
+            [elastic(self.u, E, 0.3)], [self.u], [self.contact], [self.bcs], linear_solver=solver
         )
         self.axis = None if gdim == 2 else [0.0, 1.0, 0.0]
         self.sign = -1.0 if gdim == 2 else 1.0  # clockwise in the plane of x and z

@@ -1,0 +1,96 @@
+"""How much of the last step's motion the next one begins with."""
+
+from __future__ import annotations
+
+import typing
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from qsdolfinx.contact import results
+from qsdolfinx.contact.shown import shown
+from qsdolfinx.solve.problem import ContactProblem
+from qsdolfinx.steps.tool_motion import ToolRate
+from qsdolfinx.tools.rigid_surface import RigidSurface
+
+Array = npt.NDArray[np.float64]
+
+#: Part below which a step begins where the last one ended: what solvers leave of residuals is
+#: some 1e-9 of the forces. No unit; tests/steps/test_prediction.py.
+NONE = 1e-3
+
+
+def part_of_rates(
+    problem: ContactProblem,
+    in_velocity: typing.Sequence[bool],
+    rates: typing.Sequence[Array],
+    tools: typing.Sequence[RigidSurface],
+    tool_rates: typing.Sequence[ToolRate],
+    dt: float,
+) -> float:
+    """Part, from 0 to 1, of the last step's motion that the loads of this one continue. Collective.
+
+    Where the bodies are, under the new loads and conditions and the contact forces of the last
+    step, the residual is R; of the bodies where the last velocities v lead to it is R₁. The
+    potential energy along this way is least after the part -R·v / (R₁ - R)·v. It is 1 where loads
+    go on as before, and 0 where they rest, turn round, or act across v: a step without a change of
+    loads begins, and ends, in the equilibrium that there is.
+
+    Tools act on bodies by contact alone, so that the part of their own motion counts if it is more.
+    Bodies in velocities, and tools that a force drives, go on as before.
+
+    Args:
+        problem: The problem, after the loads of the step have been set.
+        in_velocity: Whether the unknowns of each body are velocities.
+        rates: Velocities of the bodies in the last step (length per time), ghosts included.
+        tools: The rigid tools.
+        tool_rates: Velocities of these.
+        dt: Δt of the step.
+    """
+    if any(in_velocity) or any(tool.driven is not None for tool in tools):
+        return 1.0
+    largest = max((float(np.abs(v).max(initial=0.0)) for v in rates), default=0.0)
+    if problem.comm.allreduce(largest, op=MPI.MAX) == 0.0:
+        return 1.0
+    of_tools = [_part_of_tool(tool, rate, dt) for tool, rate in zip(tools, tool_rates, strict=True)]
+    part = max([_part_of_bodies(problem, rates, dt), *of_tools])
+    return part if part > NONE else 0.0
+
+
+def _part_of_tool(tool: RigidSurface, rate: ToolRate, dt: float) -> float:
+    """Part of a tool's last motion that its next one continues; 0 if it has rested."""
+    before = dt * np.concatenate([rate.displacement, rate.rotation])
+    if not np.any(before):
+        return 0.0
+    now = np.concatenate([tool.displacement, tool.rotation])
+    return float(np.clip(now @ before / (before @ before), 0.0, 1.0))
+
+
+def _part_of_bodies(problem: ContactProblem, rates: typing.Sequence[Array], dt: float) -> float:
+    work = change = 0.0
+    for body, force, v in zip(problem.bodies, _contact_forces(problem), rates, strict=True):
+        start = body.u.x.array.copy()
+        body.begin_solve()
+        owned = start[: body.num_owned]
+        way = dt * v[: body.num_owned]
+        here = body.residual(owned.copy()) - force
+        there = body.residual(owned + way) - force
+        work -= float(here @ way)
+        change += float((there - here) @ way)
+        body.u.x.array[:] = start
+    work, change = (problem.comm.allreduce(x, op=MPI.SUM) for x in (work, change))
+    if not np.isfinite(change) or change == 0.0:
+        return 0.0
+    return float(np.clip(work / change, 0.0, 1.0))
+
+
+def _contact_forces(problem: ContactProblem) -> list[Array]:
+    """Forces of the last step's contact on the owned unknowns of each body. Collective."""
+    out = [np.zeros(body.num_owned) for body in problem.bodies]
+    for contact, sides in zip(problem.system.contacts, problem.sides, strict=True):
+        for i, force in zip(sides, results.forces_on_bodies(shown(contact)), strict=True):
+            if i is not None:
+                out[i] += force
+    return out

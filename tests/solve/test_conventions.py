@@ -1,0 +1,90 @@
+"""ContactProblem as DOLFINx's NonlinearProblem: lists or one, flat conditions, forms' options."""
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+from scenes import WORLD, Pair, box, clamp, elastic, plane, vector_space
+
+import ufl
+from dolfinx import fem, mesh
+
+import qsdolfinx as qs
+
+
+class Pressed:
+    """A square on a rigid plane, pressed at its top; E₀ may be a function."""
+
+    def __init__(self, modulus=1.0, **options):
+        msh = box(WORLD, [4, 4], "quadrilateral", [0, 0], [1, 1])
+        V = vector_space(msh)
+        self.u = fem.Function(V)
+        self.F = elastic(self.u, E=modulus, nu=0.0)
+        bc = clamp(V, plane(msh, 1, 1.0), [0.0, -0.1])
+        tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        self.contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), tool)
+        self.problem = qs.ContactProblem(self.F, self.u, self.contact, [bc], **options)
+
+
+@pytest.mark.parallel
+def test_one_body_without_lists():
+    """The unknown comes back as it was given; E × strain × width is the force."""
+    case = Pressed(modulus=10.0)
+    assert case.problem.solve() is case.u
+    # Uniaxial but for the clamp's Poisson effect, which nu = 0 has not.
+    np.testing.assert_allclose(case.contact.force("slave"), [0, 1.0], atol=1e-8)
+    assert isinstance(case.problem.solver, PETSc.SNES)
+    assert case.problem.linear_solver == "direct"
+
+
+@pytest.mark.parallel
+def test_conditions_in_one_list():
+    """Whatever their order, they are those of the bodies on whose spaces they are."""
+    pair = Pair("quadrilateral")
+    qs.ContactProblem(pair.F, pair.u, [pair.contact], pair.bcs).solve()
+    nested = [u.x.array.copy() for u in pair.u]
+    other = Pair("quadrilateral")
+    flat = [bc for entry in reversed(other.bcs) for bc in entry]
+    problem = qs.ContactProblem(other.F, other.u, [other.contact], flat)
+    problem.solve()
+    assert [len(body.bcs) for body in problem.bodies] == [len(entry) for entry in other.bcs]
+    for a, b in zip(nested, other.u, strict=True):
+        np.testing.assert_allclose(a, b.x.array, atol=1e-9)
+
+
+@pytest.mark.parallel
+def test_conditions_that_fit_nowhere():
+    """Their entry in the list is named."""
+    pair, other = Pair("quadrilateral"), Pair("quadrilateral")
+    with pytest.raises(ValueError, match="bcs: entry 0 is on the space of none of u"):
+        qs.ContactProblem(pair.F, pair.u, [pair.contact], other.bcs[0])
+    with pytest.raises(TypeError, match="bcs: must be dolfinx.fem.DirichletBC, or a list"):
+        qs.ContactProblem(pair.F, pair.u, [pair.contact], [*pair.bcs[0], pair.bcs[1]])
+
+
+def test_options_of_forms(tmp_path):
+    """The compiler gets them: both forms are where it is told to leave them."""
+    tmp_path = WORLD.bcast(tmp_path)
+    case = Pressed(jit_options={"cache_dir": tmp_path}, form_compiler_options={"epsilon": 1e-12})
+    case.problem.solve()
+    assert len(list(tmp_path.glob("libffcx_forms_*.c"))) == 2
+    with pytest.raises(TypeError, match="jit_options: must be a dictionary"):
+        Pressed(jit_options=["-O3"])
+
+
+@pytest.mark.skipif(not hasattr(mesh, "EntityMap"), reason="maps are objects from 0.10 on")
+def test_coefficients_on_a_mesh_of_some_cells():
+    """A modulus that is known on a sub-mesh of the body's cells."""
+    msh = box(WORLD, [4, 4], "quadrilateral", [0, 0], [1, 1])
+    V = vector_space(msh)
+    cells = np.arange(msh.topology.index_map(2).size_local, dtype=np.int32)
+    part, entity_map, *_ = mesh.create_submesh(msh, 2, cells)
+    modulus = fem.Function(fem.functionspace(part, ("DG", 0)))
+    modulus.x.array[:] = 10.0
+    u, v = fem.Function(V), ufl.TestFunction(V)
+    F = modulus * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(v)) * ufl.dx(domain=msh)
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 0.0)), tool)
+    bc = clamp(V, plane(msh, 1, 1.0), [0.0, -0.1])
+    qs.ContactProblem(F, u, contact, [bc], entity_maps=[entity_map]).solve()
+    np.testing.assert_allclose(contact.force("slave"), [0, 1.0], atol=1e-8)
