@@ -70,7 +70,8 @@ REMEDY = (
 #: Of steps that have been cut back as far as they may be.
 REMEDY_IN_STEPS = (
     "nothing may balance the load, or a structure snap through: drive it by displacements, or give "
-    "F damping or inertia"
+    "F damping or inertia; if it is contact that does not settle, as between coarse or rough "
+    'facets, swap slave and master, or take sliding="small" and steps below a facet'
 )
 REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and what is in contact"
 
@@ -150,7 +151,8 @@ class ConvergenceError(RuntimeError):
 
 def in_smallest_step(error: Exception) -> str:
     """Its message where smaller steps are no remedy any more."""
-    return str(error).replace(REMEDY, REMEDY_IN_STEPS)
+    text = str(error).replace(REMEDY, REMEDY_IN_STEPS)
+    return text.replace(NO_LONGER_FINITE, REMEDY_IN_STEPS)
 
 
 def forget_failure(snes: PETSc.SNES) -> None:

@@ -348,3 +348,49 @@ def test_hook_over_a_catch():
     assert stepper.total_iterations <= 130
     lean = np.arctan2(-np.array(force)[2:, 0], np.array(force)[2:, 1])
     assert lean[0] > 0.6 and abs(lean[-1]) < 0.15  # up the slope, then flat on the catch
+
+
+class Rough:
+    """A block of n cells, its bottom or its top (at y = 0) rough.
+
+    Attributes:
+        body: The body.
+        surface: Its rough side; of a rough bottom the walls, too.
+        held: Constant of the displacement of the side opposite.
+    """
+
+    def __init__(self, n, x, y, seed):
+        msh = box(WORLD, n, "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+        sides = {(axis, at): plane(msh, axis, at) for axis in (0, 1) for at in (0.0, 1.0)}
+        s, t = msh.geometry.x[:, 0].copy(), msh.geometry.x[:, 1].copy()
+        heights = 0.03 * np.random.default_rng(seed).uniform(-1, 1, n[0] + 1)
+        bumps = np.interp(s, np.linspace(0, 1, n[0] + 1), heights)
+        is_lower = y[1] == 0.0
+        msh.geometry.x[:, 0] = x[0] + (x[1] - x[0]) * s
+        msh.geometry.x[:, 1] = y[0] + (y[1] - y[0]) * t + bumps * (t if is_lower else 1 - t)
+        self.body = Body(msh)
+        self.held = self.body.clamp(sides[1, 0.0 if is_lower else 1.0])
+        rough = [sides[1, 1.0]] if is_lower else [sides[1, 0.0], sides[0, 0.0], sides[0, 1.0]]
+        self.surface = self.body.surface(np.concatenate(rough))
+
+
+@pytest.mark.parallel
+def test_vertices_that_bear_keep_their_points():
+    """Without theirs, a step in which nothing moves would not begin in equilibrium.
+
+    Facets beside some vertices turn as they are pressed, so that these would get no points anew.
+    """
+    upper = Rough((10, 5), (0.3, 1.3), (0.045, 0.8), 101)
+    lower = Rough((33, 5), (0.0, 3.0), (-1.0, 0.0), 1)
+    contact = qs.Contact(upper.surface, lower.surface)
+
+    def drive(t, dt):
+        way = 0.1 * ((round(t) + 1) // 2)
+        upper.held.value[:] = max(way - 0.5, 0.0), -0.06 * min(2 * way, 1.0)
+
+    stepper = qs.TimeStepper(problem_of([upper.body, lower.body], [contact]), 1.0, drive)
+    for t in stepper.run(12.0):
+        if round(t) % 2 == 0:
+            assert stepper.num_iterations == 0
+            np.testing.assert_allclose(contact.force("slave"), force, rtol=1e-7)
+        force = contact.force("slave")
