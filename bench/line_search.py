@@ -66,9 +66,9 @@ def iterations(formulation, penalty, load, gap, search):
     contact = qs.Contact(
         qs.Surface(punch.V, facets=bottom),
         qs.Surface(block.V, facets=block.facets(0.0)),
-        formulation,
-        qs.Unilateral(),
-        penalty,
+        formulation=formulation,
+        law=qs.Unilateral(),
+        penalty=penalty,
         search_radius=2.0,
         quadrature="nodal",
         enforcement="penalty",

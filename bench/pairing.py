@@ -104,7 +104,7 @@ class OurPairing:
 
     def __init__(self, slave, master):
         self.contact = qs.Contact(
-            slave, master, "master-slave", quadrature="nodal", search_radius=RADIUS
+            slave, master, formulation="master-slave", quadrature="nodal", search_radius=RADIUS
         )
         self.surfaces = slave, master
 

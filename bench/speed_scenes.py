@@ -84,8 +84,8 @@ class Pair(Scene):
             body.u.x.array[:] = 0
         contact = qs.Contact(
             *self.surfaces,
-            kind.formulation,
-            self.law,
+            formulation=kind.formulation,
+            law=self.law,
             quadrature=kind.quadrature,
             enforcement=kind.enforcement,
         )

@@ -67,7 +67,7 @@ def build(comm, p):
     contact = qs.Contact(
         qs.Surface(upper.V, facets=upper.lower),
         qs.Surface(lower.V, facets=lower.upper),
-        p.formulation,
+        formulation=p.formulation,
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         friction=qs.Coulomb(p.mu),

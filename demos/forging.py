@@ -87,7 +87,7 @@ def assemble(p, h, work, dies):
     for face, die in zip((work.lower, work.upper), dies, strict=True):
         contact = qs.Contact(
             *(face, die.surface)[::turn],
-            p.formulation,
+            formulation=p.formulation,
             penalty=PENALTY / h,
             quadrature=p.quadrature,
             enforcement=p.enforcement,

@@ -80,7 +80,7 @@ def build(comm, p):
     contact = qs.Contact(
         slave.surface,
         master.surface,
-        p.formulation,
+        formulation=p.formulation,
         penalty="auto" if p.penalty is None else p.penalty,
         quadrature=p.quadrature,
         enforcement=p.enforcement,

@@ -89,7 +89,7 @@ def build(comm, p):
     surfaces = [body.surface for body in bodies]
     contact = qs.Contact(
         *(surfaces[::-1] if p.swap else surfaces),
-        p.formulation,
+        formulation=p.formulation,
         penalty="auto" if p.penalty is None else p.penalty,
         quadrature=p.quadrature,
         enforcement=p.enforcement,

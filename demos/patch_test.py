@@ -77,9 +77,9 @@ def build(comm, p):
     contact = qs.Contact(
         qs.Surface(slave.V, facets=slave.interface),
         qs.Surface(master.V, facets=master.interface),
-        p.formulation,
-        LAWS[p.contact](),
-        p.penalty,
+        formulation=p.formulation,
+        law=LAWS[p.contact](),
+        penalty=p.penalty,
         quadrature=p.quadrature,
         quadrature_degree=p.quadrature_degree,
         enforcement=p.enforcement,

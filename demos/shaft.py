@@ -88,7 +88,7 @@ def build(comm, p):
     contact = qs.Contact(
         shaft.surface,
         bore.surface,
-        p.formulation,
+        formulation=p.formulation,
         enforcement=p.enforcement,
         friction=qs.Coulomb(p.mu) if p.mu else None,
         sliding="finite",

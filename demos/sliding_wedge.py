@@ -68,7 +68,7 @@ def build(comm, p):
     contact = qs.Contact(
         qs.Surface(wedge.V, facets=wedge.lower),
         qs.Surface(incline.V, facets=incline.upper),
-        p.formulation,
+        formulation=p.formulation,
         quadrature=p.quadrature,
         enforcement=p.enforcement,
         friction=qs.Coulomb(p.mu) if p.mu != 0 else None,

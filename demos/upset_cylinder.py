@@ -68,7 +68,7 @@ def build(comm, p):
         qs.Contact(
             billet.surface(facets_at(billet.mesh, up, z)),
             die,
-            p.formulation,
+            formulation=p.formulation,
             quadrature=p.quadrature,
             enforcement="augmented-lagrangian",
             unknown="velocity",

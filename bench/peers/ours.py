@@ -62,7 +62,7 @@ def solve(p, job, sizes):
     contact = qs.Contact(
         bodies[slave][3],
         bodies[1 - slave][3],
-        p.formulation,
+        formulation=p.formulation,
         penalty="auto" if p.factor is None else jobs.penalty(job, sizes, p.factor),
         quadrature=p.quadrature,
         quadrature_degree=p.degree,

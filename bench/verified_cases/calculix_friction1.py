@@ -54,7 +54,7 @@ def solve(comm):
     contact = qs.Contact(
         qs.Surface(u_b.function_space, facets=facets_at(block_mesh, 2, 1.0)),
         qs.Surface(u_c.function_space, facets=facets_at(cube_mesh, 2, 1.0)),
-        "master-slave",
+        formulation="master-slave",
         quadrature="nodal",
         enforcement="penalty",
         penalty=1e7,

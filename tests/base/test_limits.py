@@ -328,11 +328,11 @@ CASES = {
         lambda s, folder: ShrinkFit(((16, 5), (22, 7)), degrees=(2, 1), quadrature="nodal")
     ),
     "formulation: double-pass needs a multiplier on both sides, and a rigid tool has none": (
-        lambda s, folder: qs.Contact(s.pair.slave, s.case.tool, "double-pass")
+        lambda s, folder: qs.Contact(s.pair.slave, s.case.tool, formulation="double-pass")
     ),
     "enforcement: the multipliers of double-pass contact, on both sides, cannot close every gap": (
         lambda s, folder: qs.Contact(
-            s.pair.slave, s.pair.master, "double-pass", enforcement="augmented-lagrangian"
+            s.pair.slave, s.pair.master, formulation="double-pass", enforcement="augmented-lagrangian"
         )
     ),
     "slave: must be a qsdolfinx.Surface; a rigid tool can be the master only": (

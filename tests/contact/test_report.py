@@ -51,7 +51,7 @@ def test_what_is_missed():
         pair = Pair("quadrilateral", formulation, n=(8, 4))
         pair.meshes[1].geometry.x[:, 0] += 0.5
         pair.contact = qs.Contact(
-            pair.slave, pair.master, formulation, penalty=3.0, quadrature=quadrature
+            pair.slave, pair.master, formulation=formulation, penalty=3.0, quadrature=quadrature
         )
         pair.contact.update()
         report = report_of(pair)
@@ -169,7 +169,7 @@ def test_overclosure_and_tools():
         pair.contact = qs.Contact(
             pair.slave,
             tool,
-            "master-slave",
+            formulation="master-slave",
             penalty=3.0,
             initial_overclosure="ignore",
             constraints="nodes",

@@ -441,7 +441,7 @@ def test_tangent(cell, constraints):
 def test_one_multiplier(law):
     scene = Blocks("triangle")
     with pytest.raises(ValueError, match="formulation: scalar fields have one multiplier"):
-        qs.Contact(*scene.surfaces, "double-pass", law=law)
+        qs.Contact(*scene.surfaces, formulation="double-pass", law=law)
 
 
 @pytest.mark.parametrize("of_state", [False, True])

@@ -32,7 +32,7 @@ def blocks_with_gap(cell, formulation, load, penalty, gap=0.01):
         upper.bcs.append(slide(upper.V, axis, upper.top, -2 * gap))
     upper.mesh.geometry.x[:, axis] += gap
     surfaces[0].update()
-    contact = qs.Contact(*surfaces, formulation, qs.Unilateral(), penalty)
+    contact = qs.Contact(*surfaces, formulation=formulation, law=qs.Unilateral(), penalty=penalty)
     u = [lower.u, upper.u]
     problem = qs.ContactProblem([lower.F, upper.F], u, [contact], [lower.bcs, upper.bcs])
     return contact, problem, axis
@@ -79,7 +79,7 @@ def punch(formulation, penalty, load, gap):
         F[1] += 10 * ufl.TestFunction(V[1])[1] * ds(1)
     slave = qs.Surface(V[1], facets=near)
     master = qs.Surface(V[0], facets=plane(lower, 1, 0.0))
-    contact = qs.Contact(slave, master, formulation, qs.Unilateral(), penalty, search_radius=2.0)
+    contact = qs.Contact(slave, master, formulation=formulation, law=qs.Unilateral(), penalty=penalty, search_radius=2.0)
     return contact, qs.ContactProblem(F, u, [contact], bcs)
 
 

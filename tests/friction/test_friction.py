@@ -255,7 +255,7 @@ def test_parameters(formulation, kind):
         mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
         mu.x.array[:] = 0.1
     slave, master = pair.slave, pair.master
-    pair.contact = qs.Contact(slave, master, formulation, penalty=30.0, friction=qs.Coulomb(mu))
+    pair.contact = qs.Contact(slave, master, formulation=formulation, penalty=30.0, friction=qs.Coulomb(mu))
     load = fem.Constant(pair.meshes[1], (0.0, -0.1))
     top = plane(pair.meshes[1], 1, 1.0)
     pair.bcs[1][:] = [
@@ -285,7 +285,7 @@ def test_other_spaces(space, formulation):
     pair.contact = contact = qs.Contact(
         pair.slave,
         pair.master,
-        formulation,
+        formulation=formulation,
         penalty=30.0,
         constraints="nodes",
         friction=qs.Coulomb(mu),
@@ -316,7 +316,7 @@ def test_function_on_the_other_side(quadrature):
     mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
     mu.interpolate(lambda x: 0.1 + x[0])
     options = {"quadrature": quadrature, "friction": qs.Coulomb(mu)}
-    contact = qs.Contact(pair.slave, pair.master, "double-pass", **options)
+    contact = qs.Contact(pair.slave, pair.master, formulation="double-pass", **options)
     second = contact.model.slips[1]
     x = pair.master.node_x[second.gap.rows.reached, 0]
     error = largest((second.parameters["mu"] - 0.1 - x)[(x > 0.4) & (x < 0.6)])

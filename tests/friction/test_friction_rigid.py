@@ -273,7 +273,7 @@ def test_flow_in_steps(kind):
     tool = TOOLS[kind](WORLD, 2)
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
     options = {"unknown": "velocity", "dt": 0.05, "friction": qs.Coulomb(0.1)} | AUGMENTED
-    contact = qs.Contact(surface, tool, "master-slave", gap_tolerance=1e-10, **options)
+    contact = qs.Contact(surface, tool, formulation="master-slave", gap_tolerance=1e-10, **options)
     problem = qs.ContactProblem([F], [w], [contact], [bcs])
 
     def drive(t, dt):

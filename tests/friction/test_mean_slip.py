@@ -34,7 +34,7 @@ class Translated:
         options = {"friction": friction, "penalty": 1.0} | options
         if friction.needs_dt:
             options["dt"] = DT
-        self.contact = qs.Contact(self.slave, master, "quasi-symmetric", **options)
+        self.contact = qs.Contact(self.slave, master, formulation="quasi-symmetric", **options)
         u = [fem.Function(space) for space in V]
         self.motion, bcs = fem.Constant(V[0].mesh, np.zeros(gdim)), []
         for value, space in zip((self.motion, np.zeros(gdim)), V, strict=True):

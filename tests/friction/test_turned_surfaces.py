@@ -50,7 +50,7 @@ class Sheared:
             dofs = fem.locate_dofs_topological(V[1], axis, far[1])
             bcs.append([fem.dirichletbc(self.shift, dofs, V[1])])
         options = {"quadrature": "overlay", "friction": qs.Coulomb(MU), "penalty": 30.0} | options
-        self.contact = qs.Contact(slave, master, "quasi-symmetric", **options)
+        self.contact = qs.Contact(slave, master, formulation="quasi-symmetric", **options)
         F = [elastic(u_i, nu=0.0) for u_i in self.u]  # nothing moves along y
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
 

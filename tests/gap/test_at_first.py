@@ -27,7 +27,7 @@ def sloped(initial_overclosure, radius=0.25):
     slave = qs.Surface(V, facets=facets)
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     options = {"search_radius": radius, "initial_overclosure": initial_overclosure}
-    contact = qs.Contact(slave, tool, "master-slave", quadrature="nodal", **options)
+    contact = qs.Contact(slave, tool, formulation="master-slave", quadrature="nodal", **options)
     height = slave.node_x[:, 1]
     paired = np.abs(height) <= radius
     counts = [WORLD.allreduce(np.count_nonzero(rows)) for rows in (paired, ~paired)]

@@ -170,7 +170,7 @@ def test_what_ranks_cover_of_a_node_adds_up():
         x[:] = np.interp(x, range(4), (0.0, 1.0, 1.1, 2.1))
         under = box(comm, (4, 2), "quadrilateral", [0.0, -1.0], [1.15, 0.0])
         surfaces = [qs.Surface(vector_space(m), facets=plane(m, 1, 0.0)) for m in (over, under)]
-        contact = qs.Contact(*surfaces, "master-slave", quadrature="overlay", **AUGMENTED)
+        contact = qs.Contact(*surfaces, formulation="master-slave", quadrature="overlay", **AUGMENTED)
         points = contact.pairing
         shares = points.weight[:, None] * np.sort(points.multiplier_values, axis=1)
         found.append(comm.allreduce(shares.sum(axis=0)))

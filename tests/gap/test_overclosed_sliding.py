@@ -169,7 +169,7 @@ def test_the_other_face_of_a_die():
     x = np.array([[-0.5, 0.0], [1.5, 0.0], [-0.5, 2.0], [1.5, 2.0]])
     die = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 3]])
     contact = qs.Contact(
-        surface, die, "master-slave", search_radius=0.3, initial_overclosure="ignore", penalty=1.0
+        surface, die, formulation="master-slave", search_radius=0.3, initial_overclosure="ignore", penalty=1.0
     )
     V.mesh.geometry.x[:, 1] *= np.where(V.mesh.geometry.x[:, 1] > 0, 2.0 / 0.98, 1.0)
     contact.update()

@@ -23,7 +23,7 @@ def scene(unknown, law=qs.Unilateral, formulation="quasi-symmetric", **options):
     """The elastic blocks with v = u/Δt as unknown of some bodies, the same solution in u."""
     pair = Pair("triangle", formulation, law(), n=(9, 7), wave=0.03)
     given = {"unknown": unknown, "dt": DT, "smoothing": "none"} | options
-    pair.contact = qs.Contact(pair.slave, pair.master, formulation, law(), 30.0, **given)
+    pair.contact = qs.Contact(pair.slave, pair.master, formulation=formulation, law=law(), penalty=30.0, **given)
     for i, kind in enumerate(unknown[::-1]):  # the master is the first body
         if kind == "velocity":
             u = pair.u[i]

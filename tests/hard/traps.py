@@ -99,7 +99,7 @@ def onto(surface, place):
     contact = qs.Contact(
         tip(len(place), place),
         surface,
-        "master-slave",
+        formulation="master-slave",
         quadrature="nodal",
         penalty=1.0,
         search_radius=1.0,

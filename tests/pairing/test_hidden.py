@@ -62,7 +62,7 @@ def test_second_sheet_changes_nothing(gdim, formulation, quadrature):
         contact = qs.Contact(
             qs.Surface(V, facets=plane(msh, axis, 0.0)),
             qs.Surface(V_m, facets=faces),
-            formulation,
+            formulation=formulation,
             quadrature=quadrature,
             penalty=1e6,
             search_radius=0.5,
@@ -99,7 +99,7 @@ def test_hollow_tool(formulation, quadrature):
         u = fem.Function(V)
         surface = qs.Surface(V, facets=plane(msh, 2, 0.0))
         options = {"quadrature": quadrature, "penalty": 1e5, "search_radius": 1.5}
-        contact = qs.Contact(surface, tool, formulation, **options)
+        contact = qs.Contact(surface, tool, formulation=formulation, **options)
         bcs = [[clamp(V, plane(msh, 2, -1.0))]]
         problem = qs.ContactProblem([elastic(u, 100.0)], [u], [contact], bcs)
         tool.displacement[-1] = -0.02
@@ -174,7 +174,7 @@ def test_beside_a_near_plate_and_before_a_far_one(gdim):
     contact = qs.Contact(
         qs.Surface(vector_space(msh), facets=plane(msh, axis, 0.0)),
         qs.Surface(vector_space(below), facets=np.unique(faces)),
-        "master-slave",
+        formulation="master-slave",
         penalty=1.0,
         search_radius=0.5,
         quadrature="nodal",
@@ -230,7 +230,7 @@ def covered(seed, behind):
     master = shells(place, behind) if kind == 2 else layers(place, behind, cell, m)
     slave = qs.Surface(vector_space(msh), facets=bottom)
     options = {"search_radius": 0.4 * scale, "quadrature": "overlay", "penalty": 1.0}
-    points = qs.Contact(slave, master, "master-slave", **options).pairing
+    points = qs.Contact(slave, master, formulation="master-slave", **options).pairing
     return points.weight.sum() / scale**2, points.gap / scale
 
 

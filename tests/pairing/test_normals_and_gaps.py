@@ -27,7 +27,7 @@ def contact_of(cell, height, **options):
             x[:, axis] += height
         surfaces.append(qs.Surface(vector_space(msh), facets=face))
     options |= {"search_radius": 0.5, "initial_overclosure": "ignore"}
-    return qs.Contact(*surfaces, "quasi-symmetric", penalty=1.0, **options)
+    return qs.Contact(*surfaces, formulation="quasi-symmetric", penalty=1.0, **options)
 
 
 def outward(gdim):

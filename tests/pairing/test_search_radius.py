@@ -37,14 +37,14 @@ def test_nodes_of_a_fine_body(formulation):
     """Nothing is paired further from fine facets than their size, over the coarse ones all is."""
     slave, master = graded(0.3, FINE)
     contact = qs.Contact(
-        slave, master, formulation, penalty=1.0, quadrature="nodal", search_radius="local"
+        slave, master, formulation=formulation, penalty=1.0, quadrature="nodal", search_radius="local"
     )
     assert np.isclose(contact.search_radius, SIZES[1])
     x, _ = places(contact)
     if formulation == "master-slave":
         np.testing.assert_allclose(x, np.linspace(1, 2, FINE // 2 + 1), atol=1e-12)
     given = qs.Contact(
-        slave, master, "master-slave", penalty=1.0, quadrature="nodal", search_radius=0.31
+        slave, master, formulation="master-slave", penalty=1.0, quadrature="nodal", search_radius=0.31
     )
     np.testing.assert_allclose(places(given)[0], np.linspace(0, 2, FINE + 1), atol=1e-12)
 
@@ -53,7 +53,7 @@ def test_nodes_of_a_fine_body(formulation):
 def test_overlay_of_a_fine_body(formulation):
     slave, master = graded(0.3, FINE)
     options = {"quadrature": "overlay", "penalty": 1.0, "search_radius": "local"}
-    contact = qs.Contact(slave, master, formulation, **options)
+    contact = qs.Contact(slave, master, formulation=formulation, **options)
     x, weight = places(contact)
     assert np.isclose(weight.sum(), 1.0) and x.min() > 1
 
@@ -113,7 +113,7 @@ def test_huge_triangles(quadrature, height, paired):
     area = 16.0 if paired else 0.0
     if quadrature == "nodal" and paired:
         assert np.isclose(
-            places(qs.Contact(surface, die(WORLD), "master-slave", **options))[1].sum(), area
+            places(qs.Contact(surface, die(WORLD), formulation="master-slave", **options))[1].sum(), area
         )
     if quadrature == "overlay":
         assert np.isclose(places(contact)[1].sum(), area)
@@ -124,7 +124,7 @@ def test_fillet():
     """Nodes over fillet and flat that are no further from the die than the billet's facets."""
     n, height = 12, 0.35
     surface = billet([-4, 0.5, height], [2 - 0.3, 3.5, height + 2], [n, 6, 1])
-    contact = qs.Contact(surface, die(WORLD), "master-slave", quadrature="nodal", penalty=1.0)
+    contact = qs.Contact(surface, die(WORLD), formulation="master-slave", quadrature="nodal", penalty=1.0)
     x = np.linspace(-4, 1.7, n + 1)
     # The chord of the fillet is not more than 1/200 of its radius off.
     distance = np.where(x < 0, height, FILLET - np.hypot(np.maximum(x, 0), FILLET - height))

@@ -106,7 +106,7 @@ def test_all_of_a_wedge(slope):
     flat = qs.Surface(vector_space(msh), facets=faces)
     options = {"quadrature": "overlay", "normals": "facet", "search_radius": 0.4} | QUIET
     options["quadrature_degree"] = 30
-    contact = qs.Contact(wedge(slope, depth), flat, "master-slave", **options)
+    contact = qs.Contact(wedge(slope, depth), flat, formulation="master-slave", **options)
     _, gap, weight = pairs(contact)
     inside, long = gap < 0, np.hypot(1, slope)
     # Along the side's normal the plane is `long` times as far as straight up.
@@ -122,7 +122,7 @@ def test_tip_deep_in_a_notch(slope):
     faces = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[1], slope * np.abs(x[0])))
     notch = qs.Surface(vector_space(msh), facets=faces)
     tip = wedge(slope, 0.3)
-    contact = qs.Contact(tip, notch, "master-slave", search_radius=0.5, **QUIET)
+    contact = qs.Contact(tip, notch, formulation="master-slave", search_radius=0.5, **QUIET)
     gap = gathered(WORLD, contact.pairing.gap)
     depth = contact.penetration()
     assert len(gap) >= 2 or np.isclose(gap.min(), -0.3)

@@ -42,7 +42,7 @@ def test_areas_of_warped_facets(cell, axisymmetric, formulation):
     slave = lower_face(cell, 3, "forward", 0.3, 0.0, axisymmetric)
     master = lower_face(cell, 3, "backward", 0.3, -1.0, axisymmetric)
     options = {"quadrature": "overlay", "quadrature_degree": 8, "penalty": 1.0}
-    contact = qs.Contact(slave, master, formulation, **options)
+    contact = qs.Contact(slave, master, formulation=formulation, **options)
     # Areas of warped quadrilaterals are no polynomials.
     accuracy = 1e-3 if cell == "hexahedron" else 1e-12
     found = sums_at_nodes(contact.pairing, slave)
@@ -66,7 +66,7 @@ def test_points_upon_a_tool(cell, axisymmetric, inside, quadrature):
     center[-1] = 0.9 if inside else -0.9
     tool = qs.RigidSurface.sphere(WORLD, center, 1.0, inside)
     options = {"quadrature": quadrature, "search_radius": 0.6, "initial_overclosure": "ignore"}
-    contact = qs.Contact(slave, tool, "master-slave", penalty=1.0, **options)
+    contact = qs.Contact(slave, tool, formulation="master-slave", penalty=1.0, **options)
     points = contact.pairing
     sums = sums_at_nodes(points, slave)
     outside, within = (WORLD.allreduce(np.count_nonzero(s * points.gap > 0)) for s in (1, -1))

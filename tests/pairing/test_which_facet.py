@@ -34,7 +34,7 @@ def test_plate_in_a_slot(gdim, quadrature):
     slave = qs.Surface(vector_space(plate), facets=facing(plate, 0, (0.1, 0.12)))
     master = qs.Surface(vector_space(walls), facets=facing(walls, 0, (0.0, 0.4)))
     options = {"quadrature": quadrature, "search_radius": 0.5, "penalty": 1.0, "normals": "facet"}
-    contact = qs.Contact(slave, master, "master-slave", **options)
+    contact = qs.Contact(slave, master, formulation="master-slave", **options)
     points = contact.pairing
     left = points.slave.x[:, 0] < 0.11
     areas = [WORLD.allreduce(points.weight[side].sum()) for side in (left, ~left)]
@@ -62,13 +62,13 @@ def test_what_is_behind_is_hidden(gdim, quadrature):
     faces = facing(below, axis, (-0.02, -0.03, -0.06))
     master = qs.Surface(vector_space(below), facets=faces)
     options = {"quadrature": quadrature, "search_radius": 0.1, "penalty": 1.0, "normals": "facet"}
-    points = qs.Contact(slave, master, "master-slave", **options).pairing
+    points = qs.Contact(slave, master, formulation="master-slave", **options).pairing
     x = points.slave.x[:, 0]
     inner = np.abs(x - 0.5) > 1e-9  # at the plate's edge either
     expected = np.where(x < 0.5, 0.02, 0.06)
     area = WORLD.allreduce(points.weight.sum())
     back = qs.Surface(vector_space(below), facets=facing(below, axis, (-0.03,)))
-    contact = qs.Contact(slave, back, "master-slave", **options)
+    contact = qs.Contact(slave, back, formulation="master-slave", **options)
     behind = WORLD.allreduce(len(contact.pairing))
     np.testing.assert_allclose(points.gap[inner], expected[inner], atol=1e-14)
     assert np.isclose(area, 1.0) and behind == 0
@@ -88,7 +88,7 @@ def test_open_gap_along_any_axis(axis, sign, quadrature, formulation):
         x[:] = np.roll(x, axis - 2, axis=1)
         surfaces.append(qs.Surface(V, facets=face))
     options = {"quadrature": quadrature, "search_radius": 0.4, "penalty": 1.0}
-    contact = qs.Contact(*surfaces, formulation, **options)
+    contact = qs.Contact(*surfaces, formulation=formulation, **options)
     points, unpaired = contact.pairing, contact.num_unpaired
     area = WORLD.allreduce(points.weight.sum())
     np.testing.assert_allclose(points.gap, 0.3, rtol=1e-13)
@@ -110,7 +110,7 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
     slave = qs.Surface(vector_space(wide), facets=plane(wide, axis, 0.01))
     master = qs.Surface(vector_space(corner), facets=faces)
     contact = qs.Contact(
-        slave, master, "master-slave", quadrature="nodal", search_radius=0.8, penalty=1.0
+        slave, master, formulation="master-slave", quadrature="nodal", search_radius=0.8, penalty=1.0
     )
     paired, x = np.isfinite(contact.weighted_gap()), slave.node_x[:, 0]
     alone, unpaired = WORLD.allreduce(np.count_nonzero(~paired)), contact.num_unpaired
@@ -138,7 +138,7 @@ def test_ridge_of_cells_numbered_anyhow(turns):
     slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.6))
     master = qs.Surface(vector_space(roof), facets=top)
     contact = qs.Contact(
-        slave, master, "master-slave", quadrature="nodal", search_radius=1.0, penalty=1.0
+        slave, master, formulation="master-slave", quadrature="nodal", search_radius=1.0, penalty=1.0
     )
     points = contact.pairing
     above = np.isclose(points.slave.x[:, 0], 1.0)
@@ -162,7 +162,7 @@ def tied_corners(comm, partition, angle):
         surfaces.append(qs.Surface(V, facets=face))
     slave, master = surfaces
     options = {"search_radius": 0.3, "penalty": 1.0, "quadrature": "nodal"}
-    points = qs.Contact(slave, master, "master-slave", qs.Tied(), **options).pairing
+    points = qs.Contact(slave, master, formulation="master-slave", law=qs.Tied(), **options).pairing
     numbers, places = gathered(comm, master.node_dofs[:, 0]), gathered(comm, master.node_x)
     x_of = dict(zip(numbers, np.round(places @ R, 9), strict=True))
     corners = [np.sort([tuple(x_of[d]) for d in row], axis=0) for row in points.master.dofs[..., 0]]

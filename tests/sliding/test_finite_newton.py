@@ -148,7 +148,7 @@ def test_one_step_or_two(cell, formulation, mu, depth, enforcement):
         top = scene.clamp_far()
         friction = qs.Coulomb(mu)
         options = {"enforcement": enforcement, "friction": friction, "sliding": "finite"}
-        contact = qs.Contact(scene.above, scene.below, formulation, **options)
+        contact = qs.Contact(scene.above, scene.below, formulation=formulation, **options)
         problem = scene.problem(contact, solver="direct")
         for i in range(steps):
             contact.update()

@@ -22,7 +22,7 @@ def test_solve_again(way, enforcement, formulation):
     scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)
     top = scene.clamp_far()
     options = {"sliding": "finite", "enforcement": enforcement}
-    contact = qs.Contact(scene.below, scene.above, formulation, **options)
+    contact = qs.Contact(scene.below, scene.above, formulation=formulation, **options)
     problem = scene.problem(contact)
     top.value[:] = way, -0.03
     with warnings.catch_warnings():
@@ -41,7 +41,7 @@ def test_moment_of_a_tie(angle):
     lower.clamp(plane(lower.mesh, 1, -1.0))
     upper.clamp(plane(upper.mesh, 1, 1.05), (0.02, -0.03))
     options = {"sliding": "finite", "enforcement": "penalty", "law": qs.Tied()}
-    contact = qs.Contact(scene.above, scene.below, "master-slave", **options)
+    contact = qs.Contact(scene.above, scene.below, formulation="master-slave", **options)
     problem = scene.problem(contact)
     problem.solve()
     before, force = contact.moment("slave", np.zeros(2)), contact.force("slave")

@@ -81,7 +81,7 @@ def test_two_tools_that_feel_each_other(cell, tool):
     d, normal = scene.gdim, np.eye(scene.gdim)[0]
     side = qs.RigidSurface.plane(WORLD, normal, -normal)
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
-    second = qs.Contact(surface, side, "master-slave", qs.Tied(), **SOFT)
+    second = qs.Contact(surface, side, formulation="master-slave", law=qs.Tied(), **SOFT)
     contacts, bcs = [scene.contact, second], [[clamp(scene.V, plane(scene.mesh, 0, 0.0))]]
     problem = qs.ContactProblem([scene.F], [scene.u], contacts, bcs)
     directions = -np.eye(d)[-1], np.eye(d)[-1] + 0.5 * normal
@@ -130,7 +130,7 @@ def test_a_tool_that_slips_beside_one_that_holds():
     scene = Pressed("quadrilateral", flat, n=3, friction=qs.Coulomb(0.4), **SOFT)
     side = qs.RigidSurface.plane(WORLD, [1.0, 0.0], [-1.0, 0.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
-    second = qs.Contact(surface, side, "master-slave", qs.Tied(), **SOFT)
+    second = qs.Contact(surface, side, formulation="master-slave", law=qs.Tied(), **SOFT)
     bcs = [clamp(scene.V, plane(scene.mesh, 1, 0.0))]
     problem = qs.ContactProblem([scene.F], [scene.u], [scene.contact, second], [bcs])
     for shift in (0.0, 0.5):

@@ -80,7 +80,7 @@ class Rolled:
         self.tool = qs.RigidSurface.sphere(comm, [0.4, 0.4, 1.6], 0.6)
         surface = qs.Surface(V, facets=plane(msh, 2, 1.0))
         options = {"friction": qs.Coulomb(0.3)} | options
-        self.contacts = [qs.Contact(surface, self.tool, "master-slave", **options)]
+        self.contacts = [qs.Contact(surface, self.tool, formulation="master-slave", **options)]
         bcs = [clamp(V, plane(msh, 2, 0.0))]
         self.problem = qs.ContactProblem([elastic(u)], [u], self.contacts, [bcs])
         self.stepper = qs.TimeStepper(self.problem, 1.0, self.move)

@@ -48,7 +48,7 @@ class Falling:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # nothing is paired
             options = {"penalty": 1e4, "search_radius": 0.2, "sliding": sliding}
-            self.contact = qs.Contact(slave, master, "master-slave", **options)
+            self.contact = qs.Contact(slave, master, formulation="master-slave", **options)
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
 
         def drive(t, dt):

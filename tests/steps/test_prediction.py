@@ -21,7 +21,7 @@ class Pressed:
         self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
         surface = qs.Surface(V, facets=plane(self.mesh, 1, 1.0))
         options = {"enforcement": "penalty", "penalty": 50.0}
-        contact = qs.Contact(surface, self.tool, "master-slave", **options)
+        contact = qs.Contact(surface, self.tool, formulation="master-slave", **options)
         self.bottom = fem.Constant(self.mesh, 0.0)
         at = fem.locate_dofs_topological(V.sub(1), 1, plane(self.mesh, 1, 0.0))
         bcs = [

@@ -29,7 +29,7 @@ def spun(kind, before, num_pairings):
     tool.position = turn(before)
     surface = qs.Surface(V, facets=plane(msh, 2, 1.0))
     options = {"quadrature": "nodal", "friction": qs.Coulomb(0.3)}
-    contact = qs.Contact(surface, tool, "master-slave", **options)
+    contact = qs.Contact(surface, tool, formulation="master-slave", **options)
     bcs = [clamp(V, plane(msh, 2, 0.0))]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
 
@@ -195,7 +195,7 @@ def test_a_body_that_turns_as_it_begins_to_press(role):
         (F, u, bcs), top, surface = pressed_block()
         (F_roller, u_roller, bcs_roller), hub, outside = elastic_roller()
         both = [outside, surface] if role == "slave" else [surface, outside]
-        contact = qs.Contact(*both, "master-slave")
+        contact = qs.Contact(*both, formulation="master-slave")
 
         def drive(t, dt):
             top.value[1] = -0.01 * t

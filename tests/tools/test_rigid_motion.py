@@ -207,7 +207,7 @@ def test_two_driven_tools():
     scene = Pressed("quadrilateral", flat, n=4)
     side = qs.RigidSurface.plane(WORLD, [1.1, 0.5], [-1.0, 0.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
-    second = qs.Contact(surface, side, "master-slave", penalty=1e3, search_radius=0.5)
+    second = qs.Contact(surface, side, formulation="master-slave", penalty=1e3, search_radius=0.5)
     contacts = [scene.contact, second]
     problem = qs.ContactProblem([scene.F], [scene.u], contacts, [scene.bcs])
     scene.tool.drive(0.3, [0, -1])
@@ -221,7 +221,7 @@ def test_one_tool_on_two_bodies():
     """What drives it is shared, half and half, between two equal blocks."""
     scenes = [Pressed("triangle", flat) for _ in range(2)]
     tool = flat(WORLD, 2)
-    contacts = [qs.Contact(s.surface, tool, "master-slave", penalty=1e3) for s in scenes]
+    contacts = [qs.Contact(s.surface, tool, formulation="master-slave", penalty=1e3) for s in scenes]
     problem = qs.ContactProblem(
         [s.F for s in scenes], [s.u for s in scenes], contacts, [s.bcs for s in scenes]
     )
@@ -253,7 +253,7 @@ def test_between_a_fixed_and_a_driven_tool():
     scene = Pressed("quadrilateral", flat, n=4, held=False)
     bottom = qs.RigidSurface.plane(WORLD, [0.0, -0.02], [0.0, 1.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 1, 0.0))
-    second = qs.Contact(surface, bottom, "master-slave", penalty=1e3)
+    second = qs.Contact(surface, bottom, formulation="master-slave", penalty=1e3)
     problem = qs.ContactProblem([scene.F], [scene.u], [scene.contact, second], [scene.bcs])
     scene.tool.drive(0.3, [0, -1])
     problem.solve()

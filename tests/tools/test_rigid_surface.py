@@ -75,7 +75,7 @@ def test_facets_of_a_plane_are_the_plane(cell):
         tool.rotation[-1 if scene.gdim == 2 else 0] = 0.1
         tool.displacement[-1] = 0.05
         tool.advance()
-        contact = qs.Contact(scene.surface, tool, "master-slave", quadrature="nodal")
+        contact = qs.Contact(scene.surface, tool, formulation="master-slave", quadrature="nodal")
         gaps.append(contact.weighted_gap())
         normals.append(contact.pairing.normal)
         weights.append(contact.pairing.weight)
@@ -122,7 +122,7 @@ def test_facets_of_a_sphere_converge():
     errors = []
     for n in (20, 40):
         tool = sphere_facets(WORLD, n, center, radius)
-        contact = qs.Contact(scene.surface, tool, "master-slave", normals="facet", **options)
+        contact = qs.Contact(scene.surface, tool, formulation="master-slave", normals="facet", **options)
         error = np.abs(contact.weighted_gap() - exact.weighted_gap())
         assert np.array_equal(np.isnan(contact.weighted_gap()), np.isnan(exact.weighted_gap()))
         errors.append(largest(np.nan_to_num(error)))
