@@ -82,7 +82,7 @@ def run_once(scene, kind):
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     seconds = COMM.allreduce(cpu)
     # The library's stopwatch tells wall time.
-    in_contact = COMM.allreduce(sum(c.seconds for c in contacts), op=MPI.MAX)
+    in_contact = COMM.allreduce(sum(c.model.watch.total for c in contacts), op=MPI.MAX)
     share = min(in_contact / COMM.allreduce(wall, op=MPI.MAX), 1.0)
     errors = {} if failure else scene.errors(contacts)
     problem.destroy()

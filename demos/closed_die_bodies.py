@@ -214,7 +214,7 @@ def build_heat(billet, before, contacts, dt):
             surface,
             contact.master,
             law=qs.Conductance(h, tool=DIE, friction=TO_BILLET if contact.friction else None),
-            of=contact,
+            mechanics=contact,
             dt=dt if contact.friction else None,
         )
         for contact in contacts

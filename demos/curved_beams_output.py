@@ -36,7 +36,7 @@ def measure(shift, iterations, upper, lower, contact, stepper):
     """The row of this state. Collective."""
     force, opposite = upper.reaction(), lower.reaction()
     solved = stepper.num_steps > 0
-    of_penalty = contact.stored_energy() if solved and not contact.augmented else 0.0
+    of_penalty = contact.stored_energy() if solved and not contact.model.augmented else 0.0
     return Row(
         shift,
         *force,

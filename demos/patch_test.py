@@ -93,7 +93,7 @@ def build(comm, p):
     problem.set_up()  # an automatic penalty is known from here on
     # The compliance 1/ε is the penalty's; an augmented Lagrangian has none.
     compliance = 1 / contact.penalty if p.enforcement == "penalty" else 0.0
-    patch_bodies.set_exact(master, slave, STRESS * compliance / contact.scale[0])
+    patch_bodies.set_exact(master, slave, STRESS * compliance / contact.model.kinematics.scale[0])
     return master, slave, contact, problem
 
 
@@ -128,7 +128,7 @@ def run(p, comm=MPI.COMM_WORLD):
         "snes_iterations": problem.num_iterations,
         "ksp_iterations": problem.num_linear_iterations,
         "force_imbalance": np.linalg.norm(sum(forces)) / np.linalg.norm(forces[0]),
-        "contact_seconds": comm.allreduce(contact.seconds, op=MPI.MAX),
+        "contact_seconds": comm.allreduce(contact.model.watch.total, op=MPI.MAX),
         "total_seconds": clock.seconds(),
     }, contact
 

@@ -68,7 +68,9 @@ def errors(reference, master, slave, formulation, penalty_factor):
     surfaces = [qs.Surface(b.V, facets=locate(b.mesh, 1, 0.0)) for b in bodies]
     penalty = penalty_factor * E / min(s.facet_size_range[0] for s in surfaces)
     options = {"quadrature": "nodal", "enforcement": "penalty"}
-    contact = qs.Contact(*surfaces, formulation=formulation, law=qs.Tied(), penalty=penalty, **options)
+    contact = qs.Contact(
+        *surfaces, formulation=formulation, law=qs.Tied(), penalty=penalty, **options
+    )
     for body in bodies:
         body.u.x.array[:] = 0
     F, u, bcs = ([getattr(b, name) for b in bodies] for name in ("F", "u", "bcs"))

@@ -10,7 +10,9 @@ from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.fields import Status
 from qsdolfinx.contact.reach import ReachWarning
+from qsdolfinx.contact.readings import ContactResults
 from qsdolfinx.contact.report import ContactReport
+from qsdolfinx.contact.settings import ContactSettings
 from qsdolfinx.friction.laws import Coulomb, CoulombTresca, Friction, Norton, Sticking, Tresca
 from qsdolfinx.gap.conductance import effusivity_share, rough_surfaces
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
@@ -50,6 +52,8 @@ __all__ = [
     "Contact",
     "ContactProblem",
     "ContactReport",
+    "ContactResults",
+    "ContactSettings",
     "ContactWarning",
     "ConvergenceError",
     "Coulomb",

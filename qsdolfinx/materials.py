@@ -32,6 +32,22 @@ from qsdolfinx.base.checks import (
     require,
 )
 
+__all__ = [
+    "axisymmetric_weight",
+    "equivalent_strain_rate",
+    "gradient",
+    "heat",
+    "incompressible",
+    "linear_elastic",
+    "mini_space",
+    "neo_hookean",
+    "neo_hookean_energy",
+    "newtonian",
+    "norton_hoff",
+    "plastic_heat",
+    "strain",
+]
+
 #: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
 Scalar = typing.Any
 #: A scalar, vector or tensor of UFL.

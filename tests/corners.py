@@ -126,7 +126,9 @@ class InCorner:
             else:
                 one = qs.Surface(self.V[0], facets=walls_of)
             slave, other = (two, one) if block_first else (one, two)
-            self.contacts.append(qs.Contact(slave, other, formulation=formulation, **(AT_NODES | options)))
+            self.contacts.append(
+                qs.Contact(slave, other, formulation=formulation, **(AT_NODES | options))
+            )
         if master == "rigid":
             self.V, self.u, self.F, self.bcs = ([x[1]] for x in (self.V, self.u, self.F, self.bcs))
 

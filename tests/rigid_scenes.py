@@ -41,7 +41,7 @@ class Pressed:
     @property
     def compliance(self):
         """1/ε of a penalty, in series with the block."""
-        return 0.0 if self.contact.augmented else 1 / self.contact.penalty
+        return 0.0 if self.contact.model.augmented else 1 / self.contact.penalty
 
     def is_uniform(self, depth):
         """Press the tool down, and compare with the closed form."""

@@ -213,7 +213,9 @@ class Pair:
         self.master, self.slave = surfaces
         law = qs.Unilateral() if law is None else law
         options = {"smoothing": "none"} | (contact_options or {})  # facets as they are
-        self.contact = qs.Contact(self.slave, self.master, formulation=formulation, law=law, penalty=penalty, **options)
+        self.contact = qs.Contact(
+            self.slave, self.master, formulation=formulation, law=law, penalty=penalty, **options
+        )
 
     def problem(self, **options):
         return qs.ContactProblem(self.F, self.u, [self.contact], self.bcs, **options)

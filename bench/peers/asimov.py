@@ -196,7 +196,9 @@ def create_solver(p, job, contact):
 def solve(p):
     """Displacements, forces of contact (arguments of ``hertz_error.measure``), row of results."""
     job = Job(p.job, p.sizes)
-    contact = Contact(job, p.gamma * max(p.job.E), formulation=p.theta, law=p.order, penalty=p.search)
+    contact = Contact(
+        job, p.gamma * max(p.job.E), formulation=p.theta, law=p.order, penalty=p.search
+    )
     newton = create_solver(p, job, contact)
     iterations, _ = newton.solve(job.u)
     nodes = job.mesh.geometry.dofmap

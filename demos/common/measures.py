@@ -53,7 +53,9 @@ def stick_and_slip(contact):
         "least" the least energy taken at any node.
     """
     areas, sticking, least = np.zeros(2), 0.0, 0.0
-    for side in ("slave", "master") if contact.formulation == "double-pass" else ("slave",):
+    for side in (
+        ("slave", "master") if contact.settings.formulation == "double-pass" else ("slave",)
+    ):
         area, energy = getattr(contact, side).node_area, contact.dissipation(side)
         closed, slips = contact.shares(side)
         areas += area @ (closed - slips), area @ slips

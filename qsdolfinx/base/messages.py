@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import inspect
 import logging
 import os
@@ -14,6 +15,9 @@ import warnings
 from mpi4py import MPI
 
 logger = logging.getLogger("qsdolfinx")
+
+#: Time step that is being made, in words.
+_when: contextvars.ContextVar[str] = contextvars.ContextVar("when", default="")
 
 #: Where the package is.
 _PACKAGE = str(pathlib.Path(__file__).parents[1]) + os.sep
@@ -34,6 +38,16 @@ def say(comm: MPI.Intracomm, text: str) -> None:
     logger.handle(logger.makeRecord(logger.name, logging.INFO, __file__, 0, text, (), None))
 
 
+@contextlib.contextmanager
+def during(when: str) -> typing.Iterator[None]:
+    """Let warnings inside the block say when they came, such as ``"step 3, t = 0.2"``."""
+    token = _when.set(when)
+    try:
+        yield
+    finally:
+        _when.reset(token)
+
+
 def warn(text: str, kind: type[ContactWarning]) -> None:
     """Warn, on all ranks: whoever turns warnings into errors gets one everywhere.
 
@@ -46,8 +60,9 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
     level, frame = 1, inspect.currentframe()
     while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back
+    when = _when.get()
     with _shown():
-        warnings.warn(text, kind, stacklevel=level)
+        warnings.warn(f"{when}: {text}" if when else text, kind, stacklevel=level)
 
 
 class _Terminal(logging.Handler):

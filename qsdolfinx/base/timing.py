@@ -32,6 +32,11 @@ class Stopwatch:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
 
+    @property
+    def total(self) -> float:
+        """Wall time (s) of all stages."""
+        return sum(self.seconds.values())
+
     @contextlib.contextmanager
     def stage(self, name: str) -> typing.Iterator[None]:
         """Count the block's time."""

@@ -32,19 +32,23 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
     Raises:
         ValueError: If it is of other facets, or keeps no pairing points.
     """
-    text = "of: must be a contact of displacements or velocities"
+    text = "mechanics: must be a contact of displacements or velocities"
     require(not of.is_scalar, f"{text}, not of scalar fields")
-    text = "of: contact with itself keeps no pairing points"
+    text = "mechanics: contact with itself keeps no pairing points"
     require(not of.with_itself, text)
-    require(len(of.of_sides) == 1, 'of: "double-pass" contact pairs twice; use "quasi-symmetric"')
+    require(
+        len(of.of_sides) == 1, 'mechanics: "double-pass" contact pairs twice; use "quasi-symmetric"'
+    )
     other, there = deformable(of.master), deformable(master)
     fits = _same_facets(of.slave, slave)  # also where a rank has none
     swapped = not fits and other is not None and _same_facets(other, slave)
-    require(not swapped, "of: exchange slave and master, so that they are those of the bodies")
-    require(fits, "of, slave: must be on the same facets of one mesh")
+    require(
+        not swapped, "mechanics: exchange slave and master, so that they are those of the bodies"
+    )
+    require(fits, "mechanics, slave: must be on the same facets of one mesh")
     if other is not None:
         fits = there is not None and _same_facets(other, there)
-        require(fits, "of, master: must be on the same facets of one mesh")
+        require(fits, "mechanics, master: must be on the same facets of one mesh")
 
 
 def shares_pairs(of: ContactModel, master: AnySurface) -> bool:
@@ -120,7 +124,9 @@ class BodiesContact:
         if self.shares_pairs:
             pairs = (of.slave, slave), (of.master, master)
             fits = all(_degree(field) <= _degree(body) for body, field in pairs)
-            require(fits, "of: the field's degree on facets must not be above the displacement's")
+            require(
+                fits, "mechanics: the field's degree on facets must not be above the displacement's"
+            )
 
     @property
     def is_stale(self) -> bool:

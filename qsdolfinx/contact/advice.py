@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
@@ -19,6 +19,9 @@ from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
+
+#: Kind of the finding of facets that stand for curves.
+CHORDS = "chord errors"
 
 #: Part of the slave's nodes near the master that finds a partner in any sound scene.
 FEW = 0.1
@@ -47,22 +50,20 @@ def advise(model: ContactModel) -> None:
         if not text and _total(model, len(model.gaps[0].rows.reached)) == 0:
             text = "slave, master: nothing is opposite to each other; nothing flows"
         if text:
-            warn(text, ContactWarning)
+            tell(model, "pairs", text)
         return
     if model.with_itself:  # of which most faces nothing
         text = _overclosure(model)
         if text:
-            warn(text, ContactWarning)
+            tell(model, "initial overclosure", text)
         return
     turned = find_turned(model)
-    of_chords = chords(model)
-    model.chords_warned = bool(of_chords)
-    found = [turned, _finer_master(model), of_chords]
+    found = {"side of facets": turned, "finer master": _finer_master(model), CHORDS: chords(model)}
     if not turned:
-        found += [_pairing(model), _overclosure(model)]
-    for text in found:
+        found |= {"pairs": _pairing(model), "initial overclosure": _overclosure(model)}
+    for kind, text in found.items():
         if text:
-            warn(text, ContactWarning)
+            tell(model, kind, text)
 
 
 # --- Nothing, or little, is paired
@@ -333,13 +334,14 @@ def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
         found: Why.
     """
     finer = _finer(model, found.of_sides, COARSE * found.gap)
-    warn(
+    tell(
+        model,
+        "curved surfaces",
         f"{_text(model.settings, found)}: gaps are measured between the curved surfaces, as with "
         f'smoothing="shared-curvature"{finer and f"; {finer} need none"}; if the bodies are as '
         'flat as their facets, write smoothing="none". Contact does not follow the bodies then: if '
         "they slide by more than a part of a facet in a step, take meshes of degree 2, see "
         "qs.elevate, and displacements of degree 2",
-        ContactWarning,
     )
 
 

@@ -96,7 +96,7 @@ def check_field(
     require(known == tool, "law: Conductance needs tool=, its temperature, for a rigid tool alone")
 
 
-_OF = "leave it out, it is that of the contact in of"
+_OF = "leave it out, it is that of the contact in mechanics"
 
 
 def check_of_use(
@@ -108,17 +108,21 @@ def check_of_use(
     """
     needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
     if of is None:
-        require(not needed, "of: must be the bodies' contact, for an h of its state and its heat")
+        require(
+            not needed, "mechanics: must be the bodies' contact, for an h of its state and its heat"
+        )
         return
-    require(slave.is_scalar, "of: is for surfaces on scalar spaces")
-    require(hasattr(of, "model"), "of: must be a qsdolfinx.Contact", TypeError)
+    require(slave.is_scalar, "mechanics: is for surfaces on scalar spaces")
+    require(hasattr(of, "model"), "mechanics: must be a qsdolfinx.Contact", TypeError)
     for name in ("formulation", "quadrature") if shares else ():
-        fits = getattr(given, name) in (getattr(Given(), name), getattr(of, name))
+        theirs = {"formulation": of.model.settings.formulation}
+        theirs["quadrature"] = of.model.settings.sampling.quadrature
+        fits = getattr(given, name) in (getattr(Given(), name), theirs[name])
         require(fits, f"{name}: {_OF}")
     for name, value in search.items() if shares else ():
         require(value is None, f"{name}: {_OF}")
     heats = isinstance(law, Conductance) and law.friction is not None
-    text = "of: the bodies' contact has no friction; leave out friction= of the conductance"
+    text = "mechanics: the bodies' contact has no friction; leave out friction= of the conductance"
     require(not heats or of.friction is not None, text)
 
 

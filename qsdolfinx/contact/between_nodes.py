@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import results
 from qsdolfinx.contact.advice import facet_sizes
 from qsdolfinx.contact.crossing import motion_since
@@ -35,23 +34,22 @@ ALONE = 0.01
 UNEVEN = 3.0
 
 
-def check_between_nodes(model: ContactModel) -> None:
-    """Warn of points that are deep where the weighted gaps of nodes are closed. Collective.
+def find_deep_between_nodes(model: ContactModel) -> str | None:
+    """What to say of points that are deep where the weighted gaps of nodes are closed. Collective.
 
     What is open around an edge between two nodes is set off against it, so that there may be no
     force at all. Depths are those that constraints at points would see: along the pairs' normals,
-    linear in displacements since the pairing. Once for each contact.
+    linear in displacements since the pairing.
 
     Args:
         model: The contact, solved.
     """
-    _check_corners(model)
     settings = model.settings
-    if model.depth_warned or model.law.jump or settings.sampling.quadrature != "overlay":
-        return
+    if model.law.jump or settings.sampling.quadrature != "overlay":
+        return None
     limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
     if _deepest_when_paired(model) + motion_since(model, model.placement.as_paired) <= limit:
-        return
+        return None
     weighted = results.mean_penetration(model)
     found: list[tuple[float, float, tuple[float, ...]]] = []
     for gap in model.of_sides:
@@ -64,7 +62,7 @@ def check_between_nodes(model: ContactModel) -> None:
             found.append((float(points.depth[i]), float(size[i]), at))
     all_found = [f for each in model.comm.allgather(found) for f in each]
     if not all_found:
-        return
+        return None
     depth, size_there, x = max(all_found)
     why = "an edge or tip sharper than the facets goes in between nodes, perhaps without a force"
     remedy = 'constraints="points", or finer facets'
@@ -77,23 +75,24 @@ def check_between_nodes(model: ContactModel) -> None:
         is_tool = as_tool(model.master) is not None
         remedy = "finer facets" if is_tool else "finer facets, or swap slave and master"
     place = ", ".join(f"{c:.4g}" for c in x)
-    warn(
+    return (
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "
         f"{depth / size_there:.2g} of the slave's facet there, and no {mean} is more than "
-        f"{weighted:.2g}: {why}; take {remedy}",
-        ContactWarning,
+        f"{weighted:.2g}: {why}; take {remedy}"
     )
-    model.depth_warned = True
 
 
-def _check_corners(model: ContactModel) -> None:
-    """Warn of corners of the slave that are deep: their sides' weighted gaps see them late."""
+def find_deep_corners(model: ContactModel) -> str | None:
+    """What to say of deep corners of the slave: their sides' weighted gaps see them late.
+
+    Collective.
+    """
     sharp = sharp_nodes(model.slave)
     if model.settings.sharp[0]:  # the pass of the slave's vertices, which bear from the first touch
         sharp[model.of_vertices[0].rows.reached] = False
     none = model.law.jump or model.with_itself
-    if model.corner_warned or none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
-        return
+    if none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
+        return None
     closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
     noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE
     limit = noticed * model.slave.facet_size_range[0] + model.overclosure.allowed
@@ -101,13 +100,13 @@ def _check_corners(model: ContactModel) -> None:
     try:
         at_nodes = gap_at_nodes(model, "slave")
     except DegenerateFacetsError:  # there is no distance to them
-        return
+        return None
     depth = np.where(sharp, np.nan_to_num(at_nodes, nan=0.0), 0.0)
     deepest = float(depth.max(initial=0.0))
     x = model.slave.node_x[int(np.argmax(depth))] if len(depth) else np.zeros(3)
     deepest, _, at = max(model.comm.allgather((deepest, model.comm.rank, tuple(map(float, x)))))
     if deepest <= limit:
-        return
+        return None
     why = "gaps are means over the facets beside it: it bears too little, or nothing, until it is "
     why, remedy = why + "some quarter of a facet deep", 'constraints="points", '
     if model.settings.constraints == "points" or model.settings.sliding == "finite":
@@ -115,12 +114,10 @@ def _check_corners(model: ContactModel) -> None:
     if model.settings.constraints == "points":
         why = "it is held by the points of the facets beside it alone: it bears too little"
     place = ", ".join(f"{c:.4g}" for c in at[: model.slave.gdim])
-    warn(
+    return (
         f"constraints: a corner of the slave near ({place}) is {deepest:.3g} deep in the other "
-        f"surface, and {why}; take {remedy}finer facets there, or a rounding of several facets",
-        ContactWarning,
+        f"surface, and {why}; take {remedy}finer facets there, or a rounding of several facets"
     )
-    model.corner_warned = True
 
 
 def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:

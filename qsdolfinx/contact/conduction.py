@@ -11,13 +11,16 @@ import numpy.typing as npt
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
+
+#: Kind of the finding of gaps that are too wide to be paired.
+WIDE = "wide gaps"
 
 #: Conductance over the largest that there is, of a gap that does not conduct.
 NOTHING = 1e-2
@@ -50,11 +53,11 @@ def look(model: ContactModel) -> None:
         if mechanics is not None and (law.of_state or law.friction is not None):
             of = mechanics.of
             solved = of.penalty.value is not None and of.evaluated_at == of.num_pairings
-            text = "of: the bodies have been paired and not solved for since: solve their problem"
-            require(solved, f"{text} first", RuntimeError)
+            text = "mechanics: the bodies have been paired and not solved for since"
+            require(solved, f"{text}: solve their problem first", RuntimeError)
             step, theirs = model.kinematics.dt, of.kinematics.dt
             alike = law.friction is None or step is None or theirs in (None, step)
-            require(alike, f"dt: is {step}, and that of the contact in of {theirs}")
+            require(alike, f"dt: is {step}, and that of the contact in mechanics {theirs}")
     gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
 
 
@@ -70,7 +73,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
     model.conduction_state = state
     with collective_errors(model.comm):  # h may be the user's
         gap.state.conductance = law.values(gap.num_rows, state)
-    if law.of_state and not model.warned_of_gaps:
+    if law.of_state and WIDE not in model.told:
         _advise(model, law, gap)
     if model.friction_heat is not None:
         assert model.mechanics is not None
@@ -93,12 +96,12 @@ def _advise(model: ContactModel, law: Conductance, gap: WeightedGap) -> None:
     with collective_errors(model.comm):
         there = float(law.values(1, (np.zeros(1), np.full(1, radius), *temperatures))[0])
     if there > NOTHING * largest:
-        model.warned_of_gaps = True
-        warn(
+        tell(
+            model,
+            WIDE,
             f"h: {wide} nodes face nothing within the search radius {radius:.3g}, at which h is "
-            f"still {there:.3g}; what flows across wider gaps is left out: give the contact in of "
-            "a search_radius above the widest gap that is to conduct",
-            ContactWarning,
+            f"still {there:.3g}; what flows across wider gaps is left out: give the contact in "
+            "mechanics a search_radius above the widest gap that is to conduct",
         )
 
 

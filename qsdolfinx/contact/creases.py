@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, Placement
 from qsdolfinx.pairing.crossings import EdgesRole, deepest_of_creases
@@ -15,8 +14,8 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 NOTICED = 0.02
 
 
-def check_creases(model: ContactModel) -> None:
-    """Warn, once and on all ranks, of creases that cross within each other. Collective.
+def find_crossing_edges(model: ContactModel) -> str | None:
+    """What to say of sharp edges that cross within each other. Collective.
 
     Contact that follows the bodies has points on facets and at vertices, not where edges cross.
 
@@ -25,26 +24,24 @@ def check_creases(model: ContactModel) -> None:
     """
     settings = model.settings
     none = model.law.jump or model.with_itself or not all(settings.sharp)
-    if model.creases_warned or none or not model.follows or model.slave.gdim == 2:
-        return
+    if none or not model.follows or model.slave.gdim == 2:
+        return None
     now = model.placement
     try:
         moved = now.slave.facets(), now.master.facets()
     except DegenerateFacetsError:  # they have no distances
-        return
+        return None
     role = EdgesRole(model.slave, model.master, (True, True), moved)
     edges = _edges(model.slave, now), _edges(model.master, now)
     depth, x = deepest_of_creases(role, edges, model.paired.search_radius)
     if depth <= NOTICED * model.paired.facet_size + model.overclosure.allowed:
-        return
+        return None
     place = ", ".join(f"{c:.4g}" for c in x)
-    warn(
+    return (
         f"sliding: edges of both surfaces cross near ({place}), {depth:.3g} deep in each other: "
         '"finite" has points on facets and at vertices; take sliding="small", which has points '
-        "where edges cross, too, or round these edges by several facets",
-        ContactWarning,
+        "where edges cross, too, or round these edges by several facets"
     )
-    model.creases_warned = True
 
 
 def _edges(surface: AnySurface, now: Placement) -> Edges:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, HeldNodes, HeldSlip
 from qsdolfinx.friction.history import AT_REST
 from qsdolfinx.friction.laws import Sticking
@@ -29,6 +29,9 @@ from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+
+#: Kind of the findings.
+HELD = "conditions on both sides"
 
 #: Part of the master's unknowns at a slave node's partner that conditions hold: less than 1 beside
 #: the plane that both end in, where a curved slave's normal leads away from it.
@@ -211,14 +214,14 @@ def _ratio(sums: Array, weights: Array) -> Array:
 def _warn_of_stick(model: ContactModel, way: float) -> None:
     """Warn once that conditions move what a law without a limit lets stick. Collective."""
     way = float(model.comm.allreduce(way, op=MPI.MAX))
-    if model.held_warned or way <= MEANT * model.paired.facet_size:
+    if way <= MEANT * model.paired.facet_size:
         return
-    model.held_warned = True
-    warn(
+    tell(
+        model,
+        HELD,
         f"bcs: Dirichlet conditions move contact nodes that they hold on both sides by {way:.3g} "
         "against each other, which friction=Sticking() does not allow: no force acts there; take "
         "a law with a limit, such as Coulomb, or prescribe the same on both sides",
-        ContactWarning,
     )
 
 
@@ -388,23 +391,23 @@ def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) 
         master: The same of the master's.
     """
     here = [h for h in model.held_nodes if h.gap in model.gaps]
-    if model.held_warned or not here:
+    if HELD in model.told or not here:
         return
     local = max(_prescribed_gap(model, h, (slave, master)) for h in here)
     depth = float(model.comm.allreduce(local, op=MPI.MAX))
     if depth <= MEANT * model.paired.facet_size:
         return
-    model.held_warned = True
     what = (
         "move tied nodes apart"
         if model.law.jump
         else "press contact nodes that they hold on both sides into each other"
     )
-    warn(
+    tell(
+        model,
+        HELD,
         f"bcs: Dirichlet conditions {what} by {depth:.3g}, which contact cannot change: its force "
         "at these nodes means nothing; prescribe the same on both sides, hold one of them alone, "
         "or leave these nodes out of the contact surfaces",
-        ContactWarning,
     )
 
 

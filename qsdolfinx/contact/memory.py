@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import multipliers
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
@@ -159,10 +159,11 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
         lost += np.count_nonzero(before & ~paired)
     lost = model.comm.allreduce(int(lost), op=MPI.SUM)
     if lost > 0:
-        warn(
+        tell(
+            model,
+            f"lost bonds after pairing {model.num_pairings}",
             f"search_radius: {lost} node(s) that the law held have opened beyond it, and carry "
             "nothing; give a larger search_radius, the opening at which the law lets go",
-            ContactWarning,
         )
 
 

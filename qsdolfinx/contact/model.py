@@ -30,6 +30,7 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.crossings import EdgesRole, pair_edges
 from qsdolfinx.pairing.edges import edges_of
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
+from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices
 from qsdolfinx.surface.affine import Affine
@@ -425,6 +426,10 @@ class ContactModel:
         self.overclosure = overclosure
         self.friction = friction
         self.mechanics = mechanics
+        #: What messages call it; None for its place among the problem's contacts.
+        self.name: str | None = None
+        #: Kinds of findings that were told of it, see :mod:`qsdolfinx.contact.findings`.
+        self.told: set[str] = set()
         #: Heat of friction of the bodies, as a load of temperatures; None without.
         self.friction_heat: FrictionHeat | None = None
         #: ``num_pairings`` at the last evaluation.
@@ -435,8 +440,6 @@ class ContactModel:
         self.kept: ContactModel | None = None
         #: Minus the least, and the largest value of a scalar field at the slave's rows here.
         self.field_range: npt.NDArray[np.float64] = np.zeros(2)
-        #: Whether there was a warning of gaps too wide to be paired, across which h conducts.
-        self.warned_of_gaps = False
         #: What conductances were functions of at the last evaluation, at the points.
         self.conduction_state: tuple[npt.NDArray[np.float64], ...] = ()
         #: Whether the bodies' contact is one of the same bodies, whose unknowns are mixed.
@@ -466,34 +469,14 @@ class ContactModel:
         self.overclosed_from: OverclosedStart | None = None
         #: Says which problem it is part of, None once that is gone; None before it is part of any.
         self.problem: typing.Callable[[], object] | None = None
-        #: Whether a ReachWarning has been given.
-        self.reach_warned = False
-        #: Whether a warning of depths between nodes has been given.
-        self.depth_warned = False
-        #: Whether a warning of corners of the slave has been given.
-        self.corner_warned = False
-        #: Whether a warning of a body that has turned freely has been given.
-        self.unsupported_warned = False
-        #: Whether a warning of facets for curves has been given.
-        self.chords_warned = False
         #: Errors of the gaps at the slave's nodes by chord errors (length); None before any solve.
         self.chord_gaps: npt.NDArray[np.float64] | None = None
-        #: Whether a warning of ties that have turned too far has been given.
-        self.turned_warned = False
-        #: Whether a warning of creases that are in each other has been given.
-        self.creases_warned = False
-        #: Whether a warning of contact that has slid far has been given.
-        self.slid_warned = False
         #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: What conditions hold of slips; see :func:`qsdolfinx.contact.held.begin_solve`.
         self.held_slips: list[HeldSlip] = []
-        #: Whether a warning of these has been given.
-        self.held_warned = False
         #: Whether conditions hold the slave, and the master, where they leave the other side free.
         self.held_alone = (False, False)
-        #: Whether a warning of a soft penalty at the nodes of a finer slave has been given.
-        self.soft_warned = False
         #: Wall time that this rank has spent in pairing, gaps and insertion.
         self.watch = Stopwatch()
 
@@ -541,6 +524,11 @@ class ContactModel:
     def of_sides(self) -> tuple[WeightedGap, ...]:
         """Those of the sides with multipliers."""
         return self.paired.gaps[: len(self.settings.roles)]
+
+    @property
+    def pairings(self) -> list[Pairing]:
+        """Pairing points of every pass: two for double-pass contact, otherwise one."""
+        return [Pairing.from_cpp(gap.points) for gap in self.of_sides]
 
     @property
     def of_vertices(self) -> tuple[WeightedGap, ...]:
@@ -659,6 +647,10 @@ class ContactModel:
         # At points a limit that jumps goes with the pressure where that is next to none.
         goes = law.jumps and any(slip.gap.rows.are_points for slip in self.slips)
         return law.symmetric and not goes
+
+    def called(self, number: int) -> str:
+        """What messages call it: by its name, or by its number among the problem's contacts."""
+        return f"contact {number if self.name is None else repr(self.name)}"
 
     def ordered(self, gap: WeightedGap, of_bodies: tuple[T, T]) -> tuple[T, T]:
         """Things of the slave's and the master's body in the order of a pass."""

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
 from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.gap.overclosure import TOLERANCE
@@ -89,13 +89,14 @@ def check_sliding(model: ContactModel) -> None:
     if not strangers and (overclosure.is_even or _is_flat(model, start, height)):
         return
     model.overclosed_from = None
-    warn(
+    tell(
+        model,
+        "ignored overclosure that has slid",
         f"initial_overclosure: the bodies have slid by {slid:.3g} since they were first paired, "
         f"where depths from {overclosure.least:.3g} to {overclosure.depth:.3g} are ignored; these "
         "belong to slave nodes, and are wrong where the master is not flat or where other nodes "
         "meet it: move a mesh so that nothing penetrates, resolve it (contact.allow_overclosure, "
         "gradually), or make the surface whose shape they are the slave",
-        ContactWarning,
     )
 
 

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.surface.deformed import DegenerateFacetsError
@@ -19,39 +19,36 @@ class ReachWarning(ContactWarning):
     """Points have passed through the other surface, or lie deeper in it than contact can see."""
 
 
-def check_reach(model: ContactModel) -> None:
-    """Warn of points that were outside when they were paired, and are inside, unseen. Collective.
+def find_passed_through(model: ContactModel) -> str | None:
+    """What to say of points that were outside when they were paired, and are inside, unseen.
 
     Those are slave nodes without a partner, and any points that are deeper than the search radius.
-    Once for each contact. Facets without an area have no distances: then it warns of that.
+    Where facets without an area have no distances, it says that. Collective.
 
     Args:
         model: The contact, solved.
     """
-    if model.reach_warned or model.law.jump:
-        return
+    if model.law.jump:
+        return None
     before = model.placement.as_paired
     moved = motion_since(model, before)
     if moved <= reach(model):
-        return  # nothing can have come from beyond what was paired
+        return None  # nothing can have come from beyond what was paired
     radius = model.paired.search_radius
     try:
         found = deepest_crossing(model, before, moved, radius, NOTICED * model.paired.facet_size)
     except DegenerateFacetsError as error:
-        warn(
+        return (
             f"{error}: whether surfaces have passed through each other is not known; the solution "
-            "is that of the equations, but hardly of what is meant",
-            ContactWarning,
+            "is that of the equations, but hardly of what is meant"
         )
-        return
-    if found is not None:
-        warn(
-            f"surfaces have passed through each other, {found}, where contact had not looked when "
-            f"it was paired (search_radius: {radius:g}): give a larger search_radius, or make time "
-            "steps, which pair anew",
-            ReachWarning,
-        )
-        model.reach_warned = True
+    if found is None:
+        return None
+    return (
+        f"surfaces have passed through each other, {found}, where contact had not looked when "
+        f"it was paired (search_radius: {radius:g}): give a larger search_radius, or make time "
+        "steps, which pair anew"
+    )
 
 
 def reach(model: ContactModel) -> float:

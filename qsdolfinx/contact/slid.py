@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.model import ContactModel
@@ -29,29 +28,27 @@ TOUCHING = 0.01
 FAR = 1.0
 
 
-def check_slid(model: ContactModel) -> None:
-    """Warn, once and on all ranks, of what has slid by more than a facet in a solve. Collective.
+def find_slid(model: ContactModel) -> str | None:
+    """What to say of what has slid by more than a facet in a solve. Collective.
 
     On a plane in closed form any way is right, and who has asked for small sliding knows.
     """
-    if model.slid_warned or model.sliding_is_given or model.follows or model.law.jump:
-        return
+    if model.sliding_is_given or model.follows or model.law.jump:
+        return None
     tool = as_tool(model.master)
     if tool is not None and tool.is_plane:
-        return
+        return None
     if motion_since(model, model.placement.as_paired) <= FAR * model.paired.facet_size:
-        return
+        return None
     way = _slid_since(model, model.placement)
     if way <= FAR:
-        return
+        return None
     finite = 'sliding="finite", or ' if model.sliding_is_open else ""
-    warn(
+    return (
         f"sliding: what is in contact has slid by {way:.3g} facets since it was paired, and small "
         f"sliding keeps points and normals as they were then: take {finite}time steps "
-        '(qs.TimeStepper); sliding="small" says that this is wanted',
-        ContactWarning,
+        '(qs.TimeStepper); sliding="small" says that this is wanted'
     )
-    model.slid_warned = True
 
 
 def _slid_since(model: ContactModel, now: Placement) -> float:

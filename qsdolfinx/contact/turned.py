@@ -6,7 +6,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 
@@ -18,20 +17,18 @@ NOTICED = 0.05
 NONE = 1e-7
 
 
-def check_turned(model: ContactModel) -> None:
-    """Warn, once and on all ranks, of a tie that has turned too far. Collective."""
-    if model.turned_warned or not model.law.jump or model.is_scalar:
-        return
+def find_turned_tie(model: ContactModel) -> str | None:
+    """What to say of a tie that has turned too far. Collective."""
+    if not model.law.jump or model.is_scalar:
+        return None
     share = turning_error(model)
     if share <= NOTICED:
-        return
-    warn(
+        return None
+    return (
         "sliding: tied surfaces with a gap between them have turned so far since they were paired "
         f"that small rotations of this gap make {min(share, 1.0):.0%} of the largest traction: "
-        'take sliding="finite", or smaller steps of a TimeStepper',
-        ContactWarning,
+        'take sliding="finite", or smaller steps of a TimeStepper'
     )
-    model.turned_warned = True
 
 
 def turning_error(model: ContactModel) -> float:

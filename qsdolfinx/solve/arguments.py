@@ -130,8 +130,9 @@ def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None
         other = None if contact.problem is None else contact.problem()
         require(
             other is None or other is problem,
-            f"contacts: entry {i} is part of another problem, solved since, which has gone on with "
-            "its multipliers and friction: make another contact, or call destroy() of that problem",
+            f"contacts: {contact.called(i)} is part of another problem, solved since, which has "
+            "gone on with its multipliers and friction: make another contact, or call destroy() "
+            "of that problem",
         )
 
 
@@ -140,7 +141,7 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
     known: dict[int, float] = {}
     for contact in contacts:
         surfaces = ("slave", contact.slave), ("master", contact.master)
-        for (name, surface), scale in zip(surfaces, contact.scale, strict=True):
+        for (name, surface), scale in zip(surfaces, contact.model.kinematics.scale, strict=True):
             try:
                 i = body_of(u, surface.V)
             except ValueError:

@@ -7,7 +7,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.advice import FEW
 from qsdolfinx.contact.model import ContactModel
@@ -23,8 +22,8 @@ Array = npt.NDArray[np.float64]
 NOTICED = 0.1
 
 
-def check_chords(newton: Newton, model: ContactModel) -> None:
-    """Warn, once and on all ranks, of pressures that are those of polygons. Collective.
+def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
+    """What to say of pressures that are those of polygons. Collective.
 
     Where facets of both sides stand for surfaces that are curved the same way, the gap of a node is
     wrong by δ, the difference to that of the curved surfaces. Pressures are then wrong by what the
@@ -35,8 +34,8 @@ def check_chords(newton: Newton, model: ContactModel) -> None:
         newton: Newton's method, at a solution.
         model: A contact of its system.
     """
-    if model.chords_warned or model.law.jump or model.is_scalar or model.with_itself:
-        return
+    if model.law.jump or model.is_scalar or model.with_itself:
+        return None
     if model.chord_gaps is None:
         model.chord_gaps = _chord_gaps(model)
     gap = model.gaps[0]
@@ -45,21 +44,19 @@ def check_chords(newton: Newton, model: ContactModel) -> None:
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     total, force, squares = _sums(model, area, area * pressure, area * own**2)
     if total == 0.0 or squares == 0.0 or model.compliance == 0.0:  # or conditions hold all of it
-        return
+        return None
     # More than this they are not wrong by: nodes are stiffest alone.
     if np.sqrt(squares * total) <= NOTICED * model.compliance * force:
-        return
+        return None
     change = _on_nodes(gap, _response(newton, model, gap.rows.from_nodes(own)))
     error = float(np.sqrt(_sums(model, area * change**2)[0] * total) / force)
     if error <= NOTICED:
-        return
-    warn(
+        return None
+    return (
         "facets: where the surfaces are curved the same way, chord errors of facets of "
         f"{np.sqrt(squares / total):.2g} make pressures wrong by {error:.0%} of their mean: take "
-        + _cure(model),
-        ContactWarning,
+        + _cure(model)
     )
-    model.chords_warned = True
 
 
 def _sums(model: ContactModel, *values: Array) -> Array:

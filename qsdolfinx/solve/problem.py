@@ -22,16 +22,11 @@ from qsdolfinx.base.collective import checked, is_of_all
 from qsdolfinx.base.messages import say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
-from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.creases import check_creases
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.memory import end_step
-from qsdolfinx.contact.reach import check_reach
 from qsdolfinx.contact.shown import copy_of
-from qsdolfinx.contact.slid import check_slid
-from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -45,7 +40,7 @@ from qsdolfinx.solve.arguments import (
 )
 from qsdolfinx.solve.at_once import AtOnce, are_condensed
 from qsdolfinx.solve.before import Before
-from qsdolfinx.solve.chord_pressure import check_chords
+from qsdolfinx.solve.diagnostics import diagnose
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
@@ -559,12 +554,7 @@ class ContactProblem:
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
             if self._watches_reach:
-                check_reach(contact)
-                check_between_nodes(contact)
-                check_turned(contact)
-                check_slid(contact)
-                check_creases(contact)
-                check_chords(self.newton, contact)
+                diagnose(self.newton, contact)
             check_held(contact, *unknowns)
         if self._watches_reach:
             check_unsupported(self.system, start)

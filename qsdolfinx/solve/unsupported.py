@@ -7,11 +7,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
+
+#: Kind of the finding.
+UNSUPPORTED = "body that turns freely"
 
 #: Displacement by a rotation, over the size of the body, that is noticed. A body that tilts until
 #: it rests stays below, or opens gaps: ``tests/solve/test_unsupported.py``.
@@ -33,19 +36,19 @@ def check_unsupported(system: ContactSystem, start: Array) -> None:
         return
     changes = system.parts(system.x.array_r - start)
     for contact, sides in zip(system.contacts, system.sides, strict=True):
-        if contact.unsupported_warned or not _is_free(contact):
+        if UNSUPPORTED in contact.told or not _is_free(contact):
             continue
         for body in {side for side in sides if side is not None}:
             turned = _turned_freely(system, contact, body, changes[body])
             if turned > NOTICED:
-                warn(
+                tell(
+                    contact,
+                    UNSUPPORTED,
                     f"u[{body}]: the body has turned by about {turned:.2g} rad where nothing but "
                     "frictionless contact holds it; curved surfaces that fit each other do not "
                     "resist this, so that the result is one of many: hold its rotation by "
                     "Dirichlet conditions, or give the contact friction",
-                    ContactWarning,
                 )
-                contact.unsupported_warned = True
 
 
 def _is_free(contact: ContactModel) -> bool:

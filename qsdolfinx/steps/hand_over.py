@@ -262,10 +262,11 @@ class HandOver:
                 problem.sides == old.problem.sides, "build: contacts must be of the same bodies"
             )
             for i, (first, second) in enumerate(zip(before, after, strict=True)):
+                name = first.model.called(i)
                 same = as_tool(first.master) is as_tool(second.master)
-                require(same, f"build: contact {i} must have the same rigid tool as before")
+                require(same, f"build: {name} must have the same rigid tool as before")
                 alike = len(first.model.parts) == len(second.model.parts)
-                require(alike, f"build: contact {i} must have the same formulation and friction")
+                require(alike, f"build: {name} must have the same formulation and friction")
 
     def _check_staggered(self, staggered: typing.Any) -> None:
         old = self._old.staggered

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.contact.contact import Contact
-from qsdolfinx.contact.motion import follow_meshes, set_start
+from qsdolfinx.contact.motion import follow_meshes, set_offset, set_start
 from qsdolfinx.contact.slid import slid, turned
 from qsdolfinx.contact.turned import turning_error
 from qsdolfinx.solve.problem import ContactProblem
@@ -195,7 +195,7 @@ class Pairings:
             if contact.model.follows:
                 continue
             contact.update()
-            contact.set_offset(offsets[s], None if m is None else offsets[m])
+            set_offset(contact.model, offsets[s], None if m is None else offsets[m])
             tool = as_tool(contact.master)
             moved_tool = None if tool is None else self._start.motion_since(tool)
             set_start(contact.model, starts[s], None if m is None else starts[m], moved_tool)

@@ -61,7 +61,7 @@ class Penetration:
             except DegenerateFacetsError as error:  # too large a step for these facets
                 text = str(error)
             if text is not None:
-                return text if len(self._contacts) == 1 else f"contact {i}: {text}"
+                return text if len(self._contacts) == 1 else f"{contact.model.called(i)}: {text}"
         return None
 
     def accept(self) -> None:
@@ -75,7 +75,7 @@ class Penetration:
         if self.limit == "auto" and seen and known is not None and known + moved <= limit:
             self._new[i] = known + moved
             return None
-        allowed = contact.overclosure.allowed
+        allowed = contact.model.overclosure.allowed
         self._new[i] = deepest = depth.penetration(model)
         too_deep = deepest - allowed > limit
         # What counts as closed has no place.

@@ -112,19 +112,24 @@ def _attempt(values: typing.Sequence[typing.Any]) -> Attempt:
     return Attempt(**(found | {"closed": tuple(found["closed"])}))
 
 
-def reason_of(error: Exception) -> str:
-    """Why an attempt has failed, in one line."""
+def reason_of(error: Exception, names: typing.Sequence[str]) -> str:
+    """Why an attempt has failed, in one line.
+
+    Args:
+        error: What it has raised.
+        names: Of the contacts.
+    """
     if not isinstance(error, ConvergenceError):
         return str(error)
-    return error.reason_name + _unsettled(error.active_history)
+    return error.reason_name + _unsettled(error.active_history, names)
 
 
-def _unsettled(history: typing.Sequence[typing.Sequence[int]]) -> str:
+def _unsettled(history: typing.Sequence[typing.Sequence[int]], names: typing.Sequence[str]) -> str:
     """Contacts whose active set still changed in the last iteration, as the end of a sentence."""
     if len(history) < 2:
         return ""
-    pairs = enumerate(zip(history[-2], history[-1], strict=True))
-    texts = [f"contact {i} ({before} to {after} closed)" for i, (before, after) in pairs
+    changes = zip(names, history[-2], history[-1], strict=True)
+    texts = [f"{name} ({before} to {after} closed)" for name, before, after in changes
              if before != after]  # fmt: skip
     return f"; the active set still changes in {', '.join(texts)}" if texts else ""
 

@@ -25,16 +25,13 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.base.messages import say
+from qsdolfinx.base.messages import during, say
 from qsdolfinx.base.progress import progress as progress_bar
-from qsdolfinx.contact.between_nodes import check_between_nodes
 from qsdolfinx.contact.chosen_sliding import let_follow
-from qsdolfinx.contact.creases import check_creases
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.turned import check_turned
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.pairing.relief import CurvedError
-from qsdolfinx.solve.chord_pressure import check_chords
+from qsdolfinx.solve.diagnostics import diagnose
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, in_smallest_step
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -414,7 +411,8 @@ class TimeStepper:
             t = t_end if lands and t_end is not None else self.t + dt
             before = self.num_iterations
             try:
-                self._attempt(t, dt, start)
+                with during(f"step {self.num_steps + 1}, t = {t:g}"):
+                    self._attempt(t, dt, start)
                 self._note(attempt, t, dt, before, None)
                 return t, dt
             except (ConvergenceError, NoGapError, _Fault) as error:
@@ -445,7 +443,9 @@ class TimeStepper:
         is_last: bool = False,
     ) -> None:
         """Add an attempt to the log, and say it if it is cut back. Collective."""
-        system, reason = self.problem.system, "" if error is None else reason_of(error)
+        system = self.problem.system
+        names = [contact.called(i) for i, contact in enumerate(system.contacts)]
+        reason = "" if error is None else reason_of(error, names)
         closed: typing.Sequence[int] = []
         if isinstance(error, ConvergenceError):
             closed = error.active_history[-1] if error.active_history else []
@@ -589,10 +589,7 @@ class TimeStepper:
         if fault is not None:
             raise _Fault(fault)
         for contact in self.problem.contacts:
-            check_between_nodes(contact.model)
-            check_turned(contact.model)
-            check_creases(contact.model)
-            check_chords(self.problem.newton, contact.model)
+            diagnose(self.problem.newton, contact.model, is_step=True)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

@@ -37,6 +37,24 @@ Coordinates = tuple[
 #: Part of the facet size by which nodes of degree 2 may be off straight facets by rounding.
 STRAIGHT = 1e-12
 
+#: Attributes that completion shows.
+PUBLIC = (
+    "V",
+    "area",
+    "axisymmetric",
+    "center",
+    "comm",
+    "facet_size_range",
+    "facets",
+    "mesh",
+    "node_area",
+    "node_dofs",
+    "node_normal",
+    "node_values",
+    "node_x",
+    "update",
+)
+
 
 class Surface:
     """Part of a body's boundary that may touch another body.
@@ -197,6 +215,10 @@ class Surface:
         Shape (facets, nodes of degree 2); None on all ranks if all facets are straight.
         """
         return self._heights
+
+    def __dir__(self) -> list[str]:
+        """What users need; the rest is for the library: docs/api/extending.md."""
+        return list(PUBLIC)
 
     @property
     def comm(self) -> MPI.Intracomm:

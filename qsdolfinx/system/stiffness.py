@@ -8,9 +8,11 @@ from petsc4py import PETSc
 
 import numpy as np
 
-from qsdolfinx.contact import held, soft_at_nodes, terms
+from qsdolfinx.contact import held, terms
+from qsdolfinx.contact.findings import look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import nodal_stiffness
+from qsdolfinx.contact.soft_at_nodes import SPIKES
 from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.matrices import Form
@@ -52,7 +54,7 @@ def measure(
         stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
         together = form is Form.SUM and contact.law.linear and all(body.linear for body in bodies)
         contact.penalty.follow(stiffness, modulus, together)
-        soft_at_nodes.advise(contact)
+        look(contact, [SPIKES])
         moduli.append(1 / sum(1 / E for E in modulus) if min(modulus) < np.inf else 0.0)
     for marker in markers:
         marker.destroy()

@@ -282,7 +282,7 @@ class Stage:
             mu=scene.mu,
             formulation=scene.options["formulation"],
             nodal=scene.options["quadrature"] == "nodal",
-            at_points=self.contact.constraints == "points",
+            at_points=self.contact.settings.constraints == "points",
             follows=scene.options.get("sliding") == "finite" and not scene.tied,
             reported=lambda: self.contact.force("slave"),
             contact=self.contact,
@@ -319,8 +319,10 @@ class Stage:
     def read_settings(self):
         """What the method was asked for, or has chosen itself: the penalty."""
         contact = self.contact
-        self.joint.penalty = None if contact.augmented else contact.penalty
-        self.joint.allowed_gap = 10 * contact.gap_tolerance * self.L if contact.augmented else 0.0
+        self.joint.penalty = None if contact.model.augmented else contact.penalty
+        self.joint.allowed_gap = (
+            10 * contact.settings.gap_tolerance * self.L if contact.model.augmented else 0.0
+        )
 
     def steps(self):
         """Solve step after step; what is wrong after each."""

@@ -105,7 +105,7 @@ class StepAuditor:
             viscous=history.friction == "norton",
             formulation=history.options["formulation"],
             nodal=history.options["quadrature"] == "nodal",
-            at_points=play.contact.constraints == "points",
+            at_points=play.contact.settings.constraints == "points",
             follows=history.options.get("sliding") == "finite" and not history.tied,
             reported=lambda: play.contact.force("slave"),
             dissipated=lambda: play.contact.step_dissipation(),
@@ -118,9 +118,9 @@ class StepAuditor:
         """Places of the bodies in the last step, and of the tool: paired, now. Collective."""
         play, dt = self.play, self.play.stepper.last_dt
         contact = play.contact
-        self.joint.penalty = None if contact.augmented else contact.penalty
+        self.joint.penalty = None if contact.model.augmented else contact.penalty
         self.joint.allowed_gap = (
-            10 * contact.gap_tolerance * self.length if contact.augmented else 0.0
+            10 * contact.settings.gap_tolerance * self.length if contact.model.augmented else 0.0
         )
         out, local = [], []
         for i, actor in enumerate(play.actors):

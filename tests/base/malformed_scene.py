@@ -56,7 +56,7 @@ class Scene:
         arrays += [m for m in multipliers.on_nodes(self.pair.contact.model.parts)]
         arrays += [self.case.tool.rotation.copy(), np.array([self.m.value])]
         contacts = [self.pair.contact, *self.case.contacts]
-        numbers = [x for c in contacts for x in (c.penalty or 0, c.dt or 0, c.version)]
+        numbers = [x for c in contacts for x in (c.penalty or 0, c.dt or 0, c.model.num_pairings)]
         return [*arrays, np.array(numbers, dtype=float)]
 
     def is_as(self, before):

@@ -89,7 +89,7 @@ def test_exceptions_that_cannot_travel():
 
 def test_penalty_that_is_not_known_yet():
     pair = Pair("triangle", penalty="auto")
-    raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.eps)
+    raises_everywhere(WORLD, RuntimeError, "first solve", lambda: pair.contact.model.eps)
 
 
 def test_stiffness_that_is_not_finite():

@@ -88,13 +88,13 @@ def field_of_itself():
     contact = qs.Contact(surface, surface)
     V = fem.functionspace(msh, ("Lagrange", 1))
     parts = (qs.Surface(V, facets=plane(msh, 0, x)) for x in (0.0, 1.0))
-    qs.Contact(*parts, law=qs.Conductance(1.0), of=contact)
+    qs.Contact(*parts, law=qs.Conductance(1.0), mechanics=contact)
 
 
 def field_at_once():
     pair = Pair("triangle", contact_options={"sliding": "finite"})
     fields = fields_on(pair.contact)
-    heat = qs.Contact(*fields, law=qs.Conductance(1.0), of=pair.contact)
+    heat = qs.Contact(*fields, law=qs.Conductance(1.0), mechanics=pair.contact)
     T = [fem.Function(surface.V) for surface in fields[::-1]]
     forms = [qs.materials.heat(t, 1.0) for t in T]
     conditions = [*pair.bcs, [], []]
@@ -252,7 +252,7 @@ CASES = {
         lambda s, folder: new_mesh(box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     ),
     "body: the mesh must be of degree 1": lambda s, folder: new_mesh(elevated(square())),
-    "of: contact with itself keeps no pairing points": lambda s, folder: field_of_itself(),
+    "mechanics: contact with itself keeps no pairing points": lambda s, folder: field_of_itself(),
     (
         'contacts: a field that is solved for at once with its bodies needs sliding="small"'
     ): lambda s, folder: field_at_once(),
@@ -332,7 +332,10 @@ CASES = {
     ),
     "enforcement: the multipliers of double-pass contact, on both sides, cannot close every gap": (
         lambda s, folder: qs.Contact(
-            s.pair.slave, s.pair.master, formulation="double-pass", enforcement="augmented-lagrangian"
+            s.pair.slave,
+            s.pair.master,
+            formulation="double-pass",
+            enforcement="augmented-lagrangian",
         )
     ),
     "slave: must be a qsdolfinx.Surface; a rigid tool can be the master only": (

@@ -253,7 +253,7 @@ def test_penalty_that_was_set_is_restored(tmp_path_factory):
     qs.save_run(automatic.stepper, folder)
     qs.load_run(again.stepper, folder)
     qs.load_run(automatic.stepper, folder)
-    assert [c.has_automatic_penalty for c in automatic.contacts] == [True, True]
+    assert [c.model.penalty.automatic for c in automatic.contacts] == [True, True]
 
 
 # --- Programs

@@ -292,7 +292,7 @@ def test_held_on_one_side_alone(side):
     problem = qs.ContactProblem(F, u, [contact], bcs)
     problem.solve()
     assert contact.model.gaps[0].extension is None
-    assert largest(contact.weighted_gap()) <= 3 * contact.allowed_gap
+    assert largest(contact.weighted_gap()) <= 3 * contact.settings.allowed_gap
 
 
 # --- What conditions prescribe
@@ -360,7 +360,7 @@ def test_a_driven_tool_is_not_held():
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
     problem.solve()
     np.testing.assert_allclose(contact.force("slave"), [0.0, -0.3], atol=1e-8)
-    assert largest(contact.weighted_gap()) <= 3 * contact.allowed_gap
+    assert largest(contact.weighted_gap()) <= 3 * contact.settings.allowed_gap
 
 
 @pytest.mark.parametrize("constraints", ("nodes", "points"))

@@ -42,7 +42,7 @@ def test_as_two_surfaces(cell, friction, sliding, enforcement, monkeypatch):
     But for vertices, of which a boundary that touches itself has none; and at points but for γ,
     which is that of all facets named.
     """
-    monkeypatch.setattr("qsdolfinx.contact.contact.has_creases", lambda *given: False)
+    monkeypatch.setattr("qsdolfinx.contact.making.has_creases", lambda *given: False)
     forces, results = [], []
     for make in (Slotted.itself, Slotted.of_two):
         scene = Slotted(cell, 0.05, n=(4, 5) if cell == "triangle" else (2, 3))

@@ -193,7 +193,7 @@ def test_ignored_overclosure(cell):
     problem = pair.problem()
     problem.solve()
     force = pair.contact.force("slave")
-    depth = pair.contact.overclosure.depth
+    depth = pair.contact.model.overclosure.depth
     pair.contact.allow_overclosure(0.0)
     problem.solve()
     assert depth > 0.02

@@ -54,7 +54,7 @@ def readings(contact):
     if c.friction is not None:
         at_nodes += [c.tangential_multiplier, c.slip, c.dissipation]
     out |= {call.__name__: call() for call in at_nodes + totals}
-    out |= {"energy": c.energy, "report": str(c.report())}
+    out |= {"energy": c.stored_energy(), "report": str(c.report())}
     out |= {f"field {name}": field for name, field in c.fields().items()}
     return {
         name: value.x.array.copy() if isinstance(value, fem.Function) else np.array(value)

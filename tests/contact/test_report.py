@@ -129,7 +129,7 @@ def with_ratio(ratio, solver, n=(8, 6), **options_of_petsc):
     pair = Pair("hexahedron", n=n, wave=0.02, penalty=30.0, **options)
     probe = pair.problem()
     probe.set_up()
-    pair.contact.set_penalty(ratio * min(pair.contact.stiffness))
+    pair.contact.set_penalty(ratio * min(pair.contact.model.penalty.stiffness))
     probe.destroy()
     problem = pair.problem(solver=solver, petsc_options=options_of_petsc)
     problem.solve()

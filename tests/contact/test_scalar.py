@@ -155,7 +155,7 @@ def test_conductance_of_the_pressure(cell, order, sliding):
     scene = Pressed(cell, order=order, sliding=sliding)
     scene.problem.solve()
     law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.contact)
     if sliding == "small":
         assert len(contact.pairing) == len(scene.contact.pairing)
         np.testing.assert_array_equal(contact.pairing.weight, scene.contact.pairing.weight)
@@ -176,13 +176,15 @@ def test_gas_in_a_gap(tool):
         bodies = qs.Contact(scene.contact.slave, die)
         problem = qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [bodies], [scene.bcs[0]])
         problem.solve()
-        contact = qs.Contact(scene.surfaces[0], die, law=qs.Conductance(law, tool=250.0), of=bodies)
+        contact = qs.Contact(
+            scene.surfaces[0], die, law=qs.Conductance(law, tool=250.0), mechanics=bodies
+        )
         ends = scene.ends(800.0, 250.0)[:1]
         qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends).solve()
         expected = 550.0 / (1 / K[0] + 1 / h)
     else:
         scene.problem.solve()
-        contact = qs.Contact(*scene.surfaces, law=qs.Conductance(law), of=scene.contact)
+        contact = qs.Contact(*scene.surfaces, law=qs.Conductance(law), mechanics=scene.contact)
         qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
         expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
     assert contact.flow("slave") == pytest.approx(-expected, rel=1e-7)
@@ -205,7 +207,7 @@ def test_gaps_beyond_the_search_radius(wide):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", qs.ContactWarning)
             law = qs.Conductance(h, tool=250.0)
-            contact = qs.Contact(scene.surfaces[0], die, law=law, of=bodies)
+            contact = qs.Contact(scene.surfaces[0], die, law=law, mechanics=bodies)
             ends = scene.ends(800.0, 250.0)[:1]
             qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends).solve()
         told = [str(w.message) for w in caught if str(w.message).startswith("h: ")]
@@ -222,7 +224,7 @@ def test_radiation():
     scene, sigma = Pressed(press=-0.05), 5e-8
     scene.problem.solve()
     law = qs.Conductance(qs.rough_surfaces(conductivity=K, hardness=HARDNESS, radiation=sigma))
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.contact)
     problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1500.0, 300.0))
     problem.solve()
     assert problem.num_iterations < 8 and not problem.symmetric
@@ -259,7 +261,7 @@ def test_heat_of_friction(cell, share, sliding):
     before = [fem.Function(V) for V in scene.spaces]
     forms = [materials.heat(*pair, c, old, dt) for *pair, old in zip(scene.T, K, before)]
     law = qs.Conductance(1e-9, friction=share)
-    contact = qs.Contact(*scene.surfaces, law=law, of=friction, dt=dt)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=friction, dt=dt)
     qs.ContactProblem(forms, scene.T, [contact]).solve()
     taken = [total(c * T * ufl.dx) for T in scene.T]
     assert sum(taken) == pytest.approx(dissipated, rel=1e-12)
@@ -314,7 +316,7 @@ def test_ranks_without_facets(partition, sliding):
     scene = Pressed("triangle", partition=partition, sliding=sliding)
     scene.problem.solve()
     law = qs.Conductance(qs.rough_surfaces(conductivity=K, hardness=HARDNESS))
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.contact)
     qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
     h = 2 / (1 / K[0] + 1 / K[1]) * 0.5 / (2 / (1 / HARDNESS[0] + 1 / HARDNESS[1]))
     expected = 550.0 / (1 / K[0] + 1 / h + 1 / K[1])
@@ -346,7 +348,7 @@ class Rod:
         self.bodies = qs.Contact(surface, wall, search_radius=1.0, **options)
         law = qs.Conductance(lambda p, g: self.c * p + 1e-12, tool=0.0)
         surface = qs.Surface(W.sub(1), facets=facets)
-        self.heat = qs.Contact(surface, wall, law=law, of=self.bodies)
+        self.heat = qs.Contact(surface, wall, law=law, mechanics=self.bodies)
         self.problem = qs.ContactProblem([F], [self.w], [self.heat, self.bodies], [bcs])
 
 
@@ -425,7 +427,7 @@ def test_tangent(cell, constraints):
     def h(p, g, slave, master):
         return 1.0 + p + 0.1 / (g + 0.1) + 0.02 * slave**2 + 0.01 * master
 
-    heat = qs.Contact(*fields, law=qs.Conductance(h), of=bodies)
+    heat = qs.Contact(*fields, law=qs.Conductance(h), mechanics=bodies)
     problem = qs.ContactProblem(forms, w, [bodies, heat], bcs)
     problem.set_up()
     rng = np.random.default_rng(3)
@@ -457,7 +459,7 @@ def test_constants_that_change(of_state):
     msh = scene.spaces[0].mesh
     h, tool = fem.Constant(msh, 3.0), fem.Constant(msh, 100.0)
     law = qs.Conductance((lambda p, g: float(h.value) + 0.0 * p) if of_state else h, tool=tool)
-    contact = qs.Contact(scene.surfaces[0], die, law=law, of=bodies)
+    contact = qs.Contact(scene.surfaces[0], die, law=law, mechanics=bodies)
     ends = scene.ends(800.0, 0.0)[:1]
     problem = qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends)
     for h.value, tool.value in ((3.0, 100.0), (3.0, 700.0), (0.5, 700.0), (0.0, 300.0), (2.0, 9.0)):
@@ -489,7 +491,7 @@ def test_heat_of_friction_into_a_tool(share, sliding):
     power = friction.step_dissipation() / 0.1
     assert power > 1e-3
     law = qs.Conductance(5.0, tool=20.0, friction=share)
-    contact = qs.Contact(scene.surfaces[0], die, law=law, of=friction, dt=0.1)
+    contact = qs.Contact(scene.surfaces[0], die, law=law, mechanics=friction, dt=0.1)
     qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], scene.ends(20.0, 0.0)[:1]).solve()
     both = contact.flow("slave") + contact.flow("master")
     assert both == pytest.approx(power, rel=1e-10)
@@ -514,9 +516,9 @@ def test_bodies_that_are_not_solved_for():
     """Before the first solve, and after they have been paired anew."""
     scene = Pressed()
     law = qs.Conductance(lambda p, g: 1.0 + p)
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.contact)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.contact)
     problem = qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0))
-    text = "of: the bodies have been paired and not solved for since"
+    text = "mechanics: the bodies have been paired and not solved for since"
     with pytest.raises(RuntimeError, match=text):
         problem.solve()
     scene.problem.solve()
@@ -559,8 +561,8 @@ def test_die_with_a_mesh_of_its_own():
     scene = OnADie()
     scene.press.solve()
     law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.bodies, search_radius=0.2)
-    assert contact.search_radius == 0.2
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.bodies, search_radius=0.2)
+    assert contact.settings.search_radius == 0.2
     qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(800.0, 250.0)).solve()
     expected = 550.0 / (1 / K[0] + 1 / (3.0 * 10.0 * 0.05) + 1 / K[1])
     assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
@@ -576,7 +578,7 @@ def test_heat_of_friction_on_such_a_die():
     power = scene.bodies.step_dissipation() / 0.1
     assert power > 1e-3
     law = qs.Conductance(5.0, friction=0.3)
-    contact = qs.Contact(*scene.surfaces, law=law, of=scene.bodies, dt=0.1)
+    contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.bodies, dt=0.1)
     qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(20.0, 20.0)).solve()
     both = contact.flow("slave") + contact.flow("master")
     assert both == pytest.approx(power, rel=1e-10)
@@ -599,7 +601,7 @@ def test_more_is_refused():
 
     def conducts(text, h, error=ValueError):
         with pytest.raises(error, match=text):
-            contact = qs.Contact(*pair, law=qs.Conductance(h), of=of)
+            contact = qs.Contact(*pair, law=qs.Conductance(h), mechanics=of)
             qs.ContactProblem(scene.F, scene.T, [contact], scene.ends(1.0, 0.0)).solve()
 
     scene.problem.solve()
@@ -612,13 +614,13 @@ def test_more_is_refused():
     conducts("h: must be a Constant of one number", fem.Constant(msh, (1.0, 2.0)))
     with pytest.raises(ValueError, match="conductivity: must be a pair"):
         qs.rough_surfaces(conductivity=3.0, hardness=(1.0, 2.0))
-    with pytest.raises(ValueError, match="of: exchange slave and master"):
-        qs.Contact(*pair[::-1], of=of)
-    with pytest.raises(ValueError, match="of: the bodies' contact has no friction"):
-        qs.Contact(*pair, law=qs.Conductance(1.0, friction=0.5), of=of, dt=1.0)
+    with pytest.raises(ValueError, match="mechanics: exchange slave and master"):
+        qs.Contact(*pair[::-1], mechanics=of)
+    with pytest.raises(ValueError, match="mechanics: the bodies' contact has no friction"):
+        qs.Contact(*pair, law=qs.Conductance(1.0, friction=0.5), mechanics=of, dt=1.0)
     for name, value in (("search_radius", 1.0), ("normals", "facet"), ("quadrature_degree", 2)):
         with pytest.raises(ValueError, match=f"{name}: leave it out"):
-            qs.Contact(*pair, of=of, **{name: value})
+            qs.Contact(*pair, mechanics=of, **{name: value})
     alone = qs.Contact(*pair)
     with pytest.raises(qs.ConvergenceError, match="nothing may hold the field"):
         heated = scene.F[0] - 1.0 * ufl.TestFunction(scene.spaces[0]) * ufl.dx
@@ -632,7 +634,7 @@ def test_refused():
         qs.Contact(slave, master, law=qs.Unilateral())
     with pytest.raises(ValueError, match="slave and master: both or none must be on scalar"):
         qs.Contact(slave, scene.contact.master)
-    with pytest.raises(ValueError, match="of: must be the bodies' contact"):
+    with pytest.raises(ValueError, match="mechanics: must be the bodies' contact"):
         qs.Contact(slave, master, law=qs.Conductance(lambda p, g: p))
     with pytest.raises(ValueError, match="Conductance is for surfaces on scalar"):
         qs.Contact(scene.contact.slave, scene.contact.master, law=qs.Conductance(1.0))
@@ -649,8 +651,8 @@ def test_refused():
         qs.Contact(slave, die)
     with pytest.raises(ValueError, match="needs tool="):
         qs.Contact(slave, die, law=qs.Conductance(1.0))
-    with pytest.raises(ValueError, match="of: exchange slave and master"):
-        qs.Contact(master, slave, law=qs.Conductance(1.0), of=scene.contact)
+    with pytest.raises(ValueError, match="mechanics: exchange slave and master"):
+        qs.Contact(master, slave, law=qs.Conductance(1.0), mechanics=scene.contact)
     contact = qs.Contact(slave, master)
     with pytest.raises(ValueError, match=r"use contact.flow\(side\)"):
         contact.force("slave")

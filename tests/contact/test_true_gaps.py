@@ -27,6 +27,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.contact import motion
+from qsdolfinx.contact.motion import set_offset
 
 
 def meshed(surface, displacement):
@@ -61,7 +62,7 @@ def depth_of_nodes(side, opponent):
 
 def check(contact, slave, master, is_overlay, least):
     """All that is measured, against brute force."""
-    radius, sides = contact.search_radius, {"slave": slave, "master": master}
+    radius, sides = contact.settings.search_radius, {"slave": slave, "master": master}
     for name, surface in (("slave", contact.slave), ("master", contact.master)):
         opponent = sides["master" if name == "slave" else "slave"]
         found = opponent.find(nodes_now(sides[name], surface))
@@ -83,10 +84,10 @@ def check(contact, slave, master, is_overlay, least):
 
 def everything(contact):
     """What measuring must leave as it is."""
-    out = [np.array([contact.version, contact.stored_energy()])]
+    out = [np.array([contact.model.num_pairings, contact.stored_energy()])]
     for surface in (contact.slave, contact.master):
         out += [surface.node_x, surface.node_normal, surface.node_area, *surface.coordinates[:2]]
-    for p in contact.pairings:
+    for p in contact.model.pairings:
         out += [p.slave.x, p.master.x, p.normal, p.gap, p.weight]
     out += [contact.weighted_gap(), contact.multiplier(), contact.force("slave")]
     if contact.friction is not None:
@@ -179,7 +180,7 @@ def test_velocities(quadrature):
     pair = Pair("triangle", n=(5, 4), wave=0.04, load=-0.6, contact_options=options)
     offset = fem.Function(pair.V[0])
     offset.interpolate(lambda x: np.stack([0.01 * x[0], 0.02 + 0.03 * x[0]]))
-    pair.contact.set_offset(None, offset)
+    set_offset(pair.contact.model, None, offset)
     pair.problem().solve()
     master = meshed(pair.master, pair.u[0].x.array + offset.x.array)
     slave = meshed(pair.slave, 0.25 * pair.u[1].x.array)
@@ -235,7 +236,7 @@ def test_facets_without_area_are_refused():
     flat_.interpolate(lambda x: np.stack([-x[0], 0 * x[1]]))
     nan.x.array[:] = np.nan
     for offset, text in ((flat_, "degenerate"), (nan, "not finite")):
-        pair.contact.set_offset(offset, None)
+        set_offset(pair.contact.model, offset, None)
         motion.show(pair.contact.model, None, None)
         for call in (pair.contact.gap, pair.contact.penetration):
             raises_everywhere(WORLD, ValueError, text, call)
@@ -272,7 +273,7 @@ def test_slanted_block(gdim, n, tool):
     """Sides above the floor let the corner sink in: weighted gaps are closed all the same."""
     contact, depth = slanted_block(gdim, n, tool, constraints="nodes", **AUGMENTED)
     size = contact.model.paired.facet_size
-    assert contact.weighted_penetration() <= contact.allowed_gap
+    assert contact.weighted_penetration() <= contact.settings.allowed_gap
     np.testing.assert_allclose(contact.penetration(), depth, rtol=1e-9)
     np.testing.assert_allclose(np.nanmax(gathered(WORLD, contact.gap())), depth, rtol=1e-9)
     assert depth > 0.05 * size
@@ -381,7 +382,7 @@ def test_flowing_body_after_steps(theta, num_pairings):
         slave = meshed(surface, np.zeros(2 * owned))
         master = meshed(contact.master, case.u[1].x.array)
         gap, penetration = contact.gap(), contact.penetration()
-        compare(gap, master.find(nodes_now(slave, surface)), contact.search_radius, 4)
+        compare(gap, master.find(nodes_now(slave, surface)), contact.settings.search_radius, 4)
         depth = max(depth_of_nodes(slave, master), depth_of_nodes(master, slave))
         assert depth > 1e-3
         np.testing.assert_allclose(penetration, depth, rtol=1e-7)

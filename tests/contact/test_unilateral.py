@@ -50,7 +50,7 @@ def test_closing_a_gap(cell, formulation, load, penalty):
     active = WORLD.allreduce(active_set.num_closed(contact.model))
     assert iterations <= 8
     # Stress of the displaced blocks, of double-pass contact less what is left of the gap.
-    compliance = 1 / contact.penalty if contact.enforcement == "penalty" else 0.0
+    compliance = 1 / contact.penalty if contact.settings.enforcement == "penalty" else 0.0
     force = 65 if load == "pressure" else 0.01 / (1 / E_MASTER + 1 / E_SLAVE + compliance)
     assert np.isclose(forces[0][axis], force, rtol=1e-6)
     assert np.linalg.norm(forces[0] + forces[1]) < 1e-12 * force
@@ -79,7 +79,14 @@ def punch(formulation, penalty, load, gap):
         F[1] += 10 * ufl.TestFunction(V[1])[1] * ds(1)
     slave = qs.Surface(V[1], facets=near)
     master = qs.Surface(V[0], facets=plane(lower, 1, 0.0))
-    contact = qs.Contact(slave, master, formulation=formulation, law=qs.Unilateral(), penalty=penalty, search_radius=2.0)
+    contact = qs.Contact(
+        slave,
+        master,
+        formulation=formulation,
+        law=qs.Unilateral(),
+        penalty=penalty,
+        search_radius=2.0,
+    )
     return contact, qs.ContactProblem(F, u, [contact], bcs)
 
 

@@ -236,6 +236,6 @@ def test_heat(swapped):
     ]
     fields = [qs.Surface(Q, facets=f) for Q, f in zip(scalars, facets, strict=True)]
     law = qs.Conductance(1.0, friction=0.5)
-    qs.ContactProblem(heat, T, [qs.Contact(*fields, law=law, of=contact, dt=dt)]).solve()
+    qs.ContactProblem(heat, T, [qs.Contact(*fields, law=law, mechanics=contact, dt=dt)]).solve()
     kept = [fem.assemble_scalar(fem.form(c * t * ufl.dx)) for t in T]
     np.testing.assert_allclose(WORLD.allreduce(sum(kept)), taken, rtol=1e-9)

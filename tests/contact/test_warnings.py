@@ -129,7 +129,7 @@ def largest_shear(cell, n, factor, **options):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         problem.set_up()
-    penalty = factor * min(probe.contact.stiffness)
+    penalty = factor * min(probe.contact.model.penalty.stiffness)
     pair = Pair(cell, formulation, n=n, penalty=penalty, contact_options=given)
     drag_top(pair, 0.01)
     found = warned(lambda: (pair.problem().solve(), pair.contact.update(), pair.problem().solve()))

@@ -122,7 +122,7 @@ def test_energy_of_flow_that_closes(bulge):
     Q, form = fem.functionspace(msh, ("Lagrange", 1)), fem.form(F)
     T, before, dt = fem.Function(Q), fem.Function(Q), fem.Constant(msh, 0.1)
     law = qs.Conductance(1e-12, tool=0.0, friction=1.0)
-    rubbed = qs.Contact(qs.Surface(Q, facets=bottom), tool, law=law, of=contact, dt=0.1)
+    rubbed = qs.Contact(qs.Surface(Q, facets=bottom), tool, law=law, mechanics=contact, dt=0.1)
     warm = qs.ContactProblem([qs.materials.heat(T, 1.0, 1.0, before, dt)], [T], [rubbed])
     power = []
 

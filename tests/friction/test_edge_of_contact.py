@@ -87,7 +87,7 @@ def test_dragged_block(press, law, enforcement):
         assert problem.num_iterations <= MOST
         np.testing.assert_allclose(contact.force("slave"), -force, atol=1e-7 * largest(force))
         for slip, gap in zip(contact.model.slips, contact.model.gaps, strict=True):
-            state, pressure = slip.state, gap.multiplier(contact.eps)[:, 0]
+            state, pressure = slip.state, gap.multiplier(contact.model.eps)[:, 0]
             rows = state.evaluated.rows._replace(closed=np.ones_like(state.closed))
             T = np.linalg.norm(slip.friction.respond(rows).traction, axis=1)
             tau, most = np.linalg.norm(state.response.traction, axis=1), largest(pressure)

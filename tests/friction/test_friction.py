@@ -100,8 +100,8 @@ def test_finite_differences(cell, formulation, law, options):
     assert errors.difference < 1e-5
     assert active > 0
     assert slipping > 0 or law == "sticking"
-    assert known and flagged == problem.symmetric == contact.symmetric
-    if contact.symmetric:
+    assert known and flagged == problem.symmetric == contact.model.symmetric
+    if contact.model.symmetric:
         assert errors.asymmetry < 1e-12
     else:
         assert errors.asymmetry > 1e-6 or law != "coulomb"
@@ -168,7 +168,7 @@ def test_nothing_without_friction():
     assert set(contact.fields()) == {"traction", "pressure", "gap", "status"}
     assert contact.step_dissipation() == contact.dissipated_energy() == 0
     raises_everywhere(WORLD, ValueError, "friction", contact.slip)
-    symmetric = pair.contact.symmetric
+    symmetric = pair.contact.model.symmetric
     assert symmetric
 
 
@@ -255,7 +255,9 @@ def test_parameters(formulation, kind):
         mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
         mu.x.array[:] = 0.1
     slave, master = pair.slave, pair.master
-    pair.contact = qs.Contact(slave, master, formulation=formulation, penalty=30.0, friction=qs.Coulomb(mu))
+    pair.contact = qs.Contact(
+        slave, master, formulation=formulation, penalty=30.0, friction=qs.Coulomb(mu)
+    )
     load = fem.Constant(pair.meshes[1], (0.0, -0.1))
     top = plane(pair.meshes[1], 1, 1.0)
     pair.bcs[1][:] = [

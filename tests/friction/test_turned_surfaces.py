@@ -112,4 +112,4 @@ def test_friction_turns_along(cell, kind, constraints, enforcement, angle):
             back = (u_i.x.array.reshape(-1, scene.gdim) @ scene.R).ravel()
             assert largest(back - before) < same * largest(before)
         assert scene.contact.dissipated_energy() - energy < 1e-6 * PRESS * slip
-        assert scene.problem.num_iterations <= 1 or scene.contact.augmented
+        assert scene.problem.num_iterations <= 1 or scene.contact.model.augmented

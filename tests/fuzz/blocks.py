@@ -71,7 +71,7 @@ def moment_faults(contact, scene, imbalance, size):
     expected = np.zeros(3)
     for pass_ in contact.model.gaps:
         p = Pairing.from_cpp(pass_.points)
-        nodes, of_rows = pass_.slave.node_dofs[:, 0], pass_.multiplier(contact.eps)
+        nodes, of_rows = pass_.slave.node_dofs[:, 0], pass_.multiplier(contact.model.eps)
         values = pass_.rows.on_nodes(of_rows, 0.0)[:, 0]
         keys = gathered(contact.comm, nodes)
         values = dict(zip(keys.tolist(), gathered(contact.comm, values).tolist(), strict=True))
@@ -88,7 +88,7 @@ def moment_faults(contact, scene, imbalance, size):
         at = np.array([values[d] for d in first.ravel().tolist()]).reshape(first.shape)
         at_points = np.sum(at * p.multiplier_values, axis=1)
         strength = p.weight * (of_rows[:, 0] if pass_.rows.are_points else at_points)
-        strength *= 0.5 if contact.formulation == "double-pass" else 1.0
+        strength *= 0.5 if contact.settings.formulation == "double-pass" else 1.0
         lever = where[0] - where[1]
         expected += np.sum(strength[:, None] * np.cross(lever, p.normal), axis=0)
     expected = contact.comm.allreduce(expected, op=MPI.SUM)
@@ -131,7 +131,7 @@ def block_faults(contact, scene, v, r, numbers):
     Kv = apply(mats, v)
     work = sum(a.dot(b) for a, b in zip(v, Kv, strict=True))
     numbers.add("work of the tangent", work, scale * sum(a.dot(a) for a in v))
-    if contact.symmetric:
+    if contact.model.symmetric:
         if work < -1e-12 * scale * sum(a.dot(a) for a in v):
             out.append("the tangent is not positive semi-definite")
         w = [contact.slave.create_vec(), contact.master.create_vec()]

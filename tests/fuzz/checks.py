@@ -68,7 +68,7 @@ def check_scene(comm, scene):
 def point_faults(contact, scene):
     """Of single points: functions that sum to one, unit normals, finite gaps within the radius."""
     out = []
-    for p in contact.pairings:
+    for p in contact.model.pairings:
         sides = (p.slave, p.master)
         arrays = [p.normal, p.gap, p.weight, *(s.x for s in sides)]
         arrays += [s.shape_values for s in sides]
@@ -81,7 +81,7 @@ def point_faults(contact, scene):
             out.append("normals are not of length 1")
         if np.any(p.weight < 0):
             out.append("negative weights")
-        if np.any(np.abs(p.gap) > contact.search_radius * (1 + 1e-9)):
+        if np.any(np.abs(p.gap) > contact.settings.search_radius * (1 + 1e-9)):
             out.append("a gap beyond the radius")
         gap = dot(p.master.x - p.slave.x, p.normal)
         if np.any(np.abs(gap - p.gap) > 1e-9 * scene.size):
@@ -97,7 +97,7 @@ def pairing_numbers(contact):
     comm, total = contact.comm, contact.slave.area + contact.master.area
     nodes = comm.allreduce(len(contact.slave.node_x) + len(contact.master.node_x))
     numbers.add("unpaired", contact.num_unpaired, nodes)
-    for p in contact.pairings:
+    for p in contact.model.pairings:
         sums = [p.weight.sum(), p.weight @ p.gap, *(p.weight @ p.normal)]
         sums += [*(p.weight @ p.slave.x), *(p.weight @ p.master.x)]
         sums += [np.sum(p.weight[:, None] * p.slave.shape_values**2)]
@@ -120,10 +120,10 @@ def paired_nodes(contact):
 
     Each pass pairs the nodes of its slave; quasi-symmetric contact those of the master as well.
     """
-    for p, pass_ in zip(contact.pairings, contact.model.gaps, strict=True):
+    for p, pass_ in zip(contact.model.pairings, contact.model.gaps, strict=True):
         sides = (p.slave, pass_.slave), (p.master, pass_.master)
         for (node, at), (facet, onto) in itertools.permutations(sides):
-            if at is pass_.slave or contact.formulation == "quasi-symmetric":
+            if at is pass_.slave or contact.settings.formulation == "quasi-symmetric":
                 rows = np.all(node.dofs[:, 1:, 0] < 0, axis=1)
                 found = np.isin(at.node_dofs[:, 0], node.dofs[rows, 0, 0])
                 point = np.zeros((len(found), 3))
@@ -138,8 +138,8 @@ def overlay_faults(contact, scene):
     facets = [all_facets(s) for s in surfaces]
     normals = [outward(points, center_of(scene, i)) for i, points in enumerate(facets)]
     warped = any(f.shape[1] == 4 and is_warped(f) for f in facets)
-    for number, p in enumerate(contact.pairings):
-        share = (0.5, 0.5) if contact.formulation == "quasi-symmetric" else (1, 0)
+    for number, p in enumerate(contact.model.pairings):
+        share = (0.5, 0.5) if contact.settings.formulation == "quasi-symmetric" else (1, 0)
         areas = [s.area for s in surfaces][:: 1 - 2 * number]
         bound = share[0] * areas[0] + share[1] * areas[1]
         covered = contact.comm.allreduce(p.weight.sum(), op=MPI.SUM)
@@ -148,7 +148,7 @@ def overlay_faults(contact, scene):
         apart = p.master.x - p.slave.x
         reach = np.linalg.norm(apart, axis=1)
         clear = reach > 1e-6 * scene.size
-        if warped or contact.normals != "facet" or not np.any(clear):
+        if warped or contact.settings.normals != "facet" or not np.any(clear):
             continue
         # Along the line that joins them, the facet that was found is the first that faces it.
         if share[1] == 0:  # all points belong to facets of the slave that were cut

@@ -56,7 +56,7 @@ def test_overclosure_goes_along():
     contact.master.advance()
     contact.update()
     height = contact.slave.node_x[:, 1] - 0.1
-    paired = np.abs(height) <= contact.search_radius
+    paired = np.abs(height) <= contact.settings.search_radius
     kept = np.where(before > 0, before, 0.0)  # none of nodes that were out of reach
     expected = np.where(paired, -height - kept, np.nan)
     np.testing.assert_allclose(contact.weighted_gap(), expected, atol=1e-15)

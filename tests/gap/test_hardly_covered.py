@@ -102,8 +102,10 @@ def test_which_nodes_have_none(quadrature):
     for part in (0.05, 0.4, 0.5, 0.9):
         for options in (AUGMENTED, {"enforcement": "penalty", "constraints": "nodes"}):
             scene = Overhang(part, quadrature=quadrature, **options)
-            plain = Overhang(part, quadrature=quadrature, enforcement="penalty").contact.pairings[0]
-            points = scene.contact.pairings[0]
+            plain = Overhang(
+                part, quadrature=quadrature, enforcement="penalty"
+            ).contact.model.pairings[0]
+            points = scene.contact.model.pairings[0]
             sums = np.zeros(0)
             functions = points.multiplier_values
             np.testing.assert_allclose(functions.sum(axis=1), 1.0, atol=1e-14)
@@ -170,7 +172,9 @@ def test_what_ranks_cover_of_a_node_adds_up():
         x[:] = np.interp(x, range(4), (0.0, 1.0, 1.1, 2.1))
         under = box(comm, (4, 2), "quadrilateral", [0.0, -1.0], [1.15, 0.0])
         surfaces = [qs.Surface(vector_space(m), facets=plane(m, 1, 0.0)) for m in (over, under)]
-        contact = qs.Contact(*surfaces, formulation="master-slave", quadrature="overlay", **AUGMENTED)
+        contact = qs.Contact(
+            *surfaces, formulation="master-slave", quadrature="overlay", **AUGMENTED
+        )
         points = contact.pairing
         shares = points.weight[:, None] * np.sort(points.multiplier_values, axis=1)
         found.append(comm.allreduce(shares.sum(axis=0)))

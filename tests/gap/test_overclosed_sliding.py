@@ -131,7 +131,7 @@ def test_uneven():
         found = []
         scene = Slider("plane", 0.02, bumps=bumps, **options)
         texts = warned(lambda s=scene, f=found: f.append(s.run()))
-        assert scene.contact.overclosure.is_even == (bumps == 0)
+        assert scene.contact.model.overclosure.is_even == (bumps == 0)
         assert texts == []
         np.testing.assert_allclose(found[0], known, rtol=0.02)
         scene = Slider("block", 0.02, False, bumps=bumps, **options)
@@ -169,7 +169,12 @@ def test_the_other_face_of_a_die():
     x = np.array([[-0.5, 0.0], [1.5, 0.0], [-0.5, 2.0], [1.5, 2.0]])
     die = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 3]])
     contact = qs.Contact(
-        surface, die, formulation="master-slave", search_radius=0.3, initial_overclosure="ignore", penalty=1.0
+        surface,
+        die,
+        formulation="master-slave",
+        search_radius=0.3,
+        initial_overclosure="ignore",
+        penalty=1.0,
     )
     V.mesh.geometry.x[:, 1] *= np.where(V.mesh.geometry.x[:, 1] > 0, 2.0 / 0.98, 1.0)
     contact.update()

@@ -68,7 +68,7 @@ def test_uneven_depths_stay_with_their_nodes():
         p = scene.problem()
         solve(p)
         found.append((largest(*(u.x.array for u in p.u)), contact.force("slave")[1]))
-        deepest = contact.overclosure.depth
+        deepest = contact.model.overclosure.depth
         assert deepest == pytest.approx(0.02, rel=1e-3)
     assert found[0][0] < 1e-15 and abs(found[0][1]) < 1e-15
     assert found[1][0] > 1e-3 and found[1][1] > 1e-3
@@ -112,7 +112,7 @@ def test_rigid_tool():
         solve(problem([scene.upper], [contact]))
         pressure = expected / (1 / modulus() + 1 / 100)
         assert contact.force("slave")[1] == pytest.approx(pressure, abs=1e-12)
-        assert contact.overclosure.depth == pytest.approx(0.02)
+        assert contact.model.overclosure.depth == pytest.approx(0.02)
 
 
 def test_what_is_in_reach_or_not_approached():

@@ -100,7 +100,7 @@ def test_hertz_is_as_before():
     """Equal cylinders share no curvature; a cylinder and a block share half."""
     for case, change in (("cylinders", 0.05), ("block", 0.5)):
         _, slave, master, contact, _ = build(WORLD, Parameters(case=case, h=0.05, ratio=1.3))
-        h = contact.search_radius
+        h = contact.settings.search_radius
         options = {"quadrature": "overlay", "search_radius": h}
         smooth = qs.Contact(slave.surface, master.surface, **options, **SMOOTH)
         plain = qs.Contact(slave.surface, master.surface, **options)

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.contact import terms
+from qsdolfinx.contact.motion import set_offset
 
 DT = 0.3
 KINDS = {
@@ -23,7 +24,9 @@ def scene(unknown, law=qs.Unilateral, formulation="quasi-symmetric", **options):
     """The elastic blocks with v = u/Δt as unknown of some bodies, the same solution in u."""
     pair = Pair("triangle", formulation, law(), n=(9, 7), wave=0.03)
     given = {"unknown": unknown, "dt": DT, "smoothing": "none"} | options
-    pair.contact = qs.Contact(pair.slave, pair.master, formulation=formulation, law=law(), penalty=30.0, **given)
+    pair.contact = qs.Contact(
+        pair.slave, pair.master, formulation=formulation, law=law(), penalty=30.0, **given
+    )
     for i, kind in enumerate(unknown[::-1]):  # the master is the first body
         if kind == "velocity":
             u = pair.u[i]
@@ -70,11 +73,11 @@ def test_offset():
         function.interpolate(lambda x, size=size: size * np.sin(3 * x[:2] + 1))
     problem = pair.problem()
     problem.set_up()
-    pair.contact.set_offset(known[1], known[0])
+    set_offset(pair.contact.model, known[1], known[0])
     zeros = [b.create_vec() for b in problem.bodies]
     terms.evaluate(pair.contact.model, zeros[1], zeros[0])
     gaps = pair.contact.weighted_gap()
-    pair.contact.set_offset(None, None)
+    set_offset(pair.contact.model, None, None)
     for vec, function in zip(zeros, known, strict=True):
         vec.array[:] = function.x.array[: len(vec.array_r)] / DT
     terms.evaluate(pair.contact.model, zeros[1], zeros[0])

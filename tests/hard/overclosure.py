@@ -31,8 +31,8 @@ def resolved(variant, depth):
     scene = overclosed(variant, depth)
     scene.push(0.0)
     solve(scene.problem())
-    if abs(scene.contact.overclosure.depth / (depth * H) - 1) > 1e-8:
-        raise Wrong(f"a depth of {scene.contact.overclosure.depth}")
+    if abs(scene.contact.model.overclosure.depth / (depth * H) - 1) > 1e-8:
+        raise Wrong(f"a depth of {scene.contact.model.overclosure.depth}")
     return uniform(scene, depth * H)
 
 

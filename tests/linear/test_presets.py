@@ -47,7 +47,9 @@ def test_pick(monkeypatch, caplog):
         monkeypatch.setitem(presets.LARGE, 3, limit)
         names.append(solution("hexahedron", "auto", enforcement="penalty")[1].linear_solver)
     options = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_rtol": 1e-10}
-    names.append(solution("hexahedron", "auto", options=options, enforcement="penalty")[1].linear_solver)
+    names.append(
+        solution("hexahedron", "auto", options=options, enforcement="penalty")[1].linear_solver
+    )
     printed = caplog.text
     mixed = Pair("triangle", space=mini_space).problem().linear_solver
     other = solution("hexahedron", "auto", options=LOOKING, enforcement="penalty")[1]

@@ -40,7 +40,7 @@ def square(low, angle, partition="scattered", faces=(0, 1)):
 
 def pairs_at(contact, place):
     """Gaps, normals and weights of the slave's points at a place, of all ranks, by normals."""
-    (p,) = contact.pairings
+    (p,) = contact.model.pairings
     here = np.linalg.norm(p.slave.x[:, :2] - place, axis=1) < 1e-9
     rows = np.column_stack([p.gap, p.normal, p.weight])[here]
     rows = gathered(WORLD, rows)
@@ -62,7 +62,9 @@ def test_pairs_in_a_corner(partition):
         low, angle = rng.uniform(-0.05, 0.2, 2), rng.uniform(-0.4, 0.4)
         place = turned(np.append(low, 0.0), turn)[:2]
         slave = square(place, turn + angle, partition)
-        contact = qs.Contact(slave, tool, formulation="master-slave", quadrature="nodal", search_radius=RADIUS)
+        contact = qs.Contact(
+            slave, tool, formulation="master-slave", quadrature="nodal", search_radius=RADIUS
+        )
         found = pairs_at(contact, place)
         normals = turned(-np.eye(3)[:2], turn)[:, :2]
         expected = np.column_stack([low, normals, np.full(2, 1 / 6)])
@@ -80,7 +82,11 @@ def test_openings(opening, expected):
     ways = np.array([[np.sin(half), np.cos(half)], [-np.sin(half), np.cos(half)]])
     tool = chain(3 * ways[0], [0.0, 0.0], 3 * ways[1])
     contact = qs.Contact(
-        square(low, np.pi / 4), tool, formulation="master-slave", quadrature="nodal", search_radius=RADIUS
+        square(low, np.pi / 4),
+        tool,
+        formulation="master-slave",
+        quadrature="nodal",
+        search_radius=RADIUS,
     )
     found = pairs_at(contact, low)
     assert len(found) == expected
@@ -129,9 +135,11 @@ def test_convex_corners_have_one_pair(formulation):
         place, angle = rng.uniform(-0.15, 0.15, 2), rng.uniform(-0.7, 0.7)
         one = square(place, angle, "backward")
         other = square([0.0, 0.0], np.pi + rng.uniform(-0.3, 0.3))
-        contact = qs.Contact(one, other, formulation=formulation, quadrature="nodal", search_radius=RADIUS)
+        contact = qs.Contact(
+            one, other, formulation=formulation, quadrature="nodal", search_radius=RADIUS
+        )
         assert num_corners(contact) == 0
-        (p, *_) = contact.pairings
+        (p, *_) = contact.model.pairings
         assert len(np.unique(p.slave.x[p.slave.owner[:, 1] < 0], axis=0)) == np.count_nonzero(
             p.slave.owner[:, 1] < 0
         )
@@ -143,7 +151,11 @@ def test_edge_of_a_step():
     for low in ([0.1, 0.05], [-0.1, 0.05], [0.05, -0.03], [0.03, -0.05]):
         for angle in (-0.3, 0.0, 0.3):
             contact = qs.Contact(
-                square(low, angle), tool, formulation="master-slave", quadrature="nodal", search_radius=RADIUS
+                square(low, angle),
+                tool,
+                formulation="master-slave",
+                quadrature="nodal",
+                search_radius=RADIUS,
             )
             assert num_corners(contact) == 0
             assert len(pairs_at(contact, low)) <= 1
@@ -160,8 +172,12 @@ def test_as_many_pairs_as_walls(walls, formulation):
     )
     msh = blocks(*others)
     master = qs.Surface(vector_space(msh), facets=faces_of(msh))
-    contact = qs.Contact(slave, master, formulation=formulation, quadrature="nodal", search_radius=0.3)
-    found = gathered(WORLD, contact.pairings[0].slave.x[contact.pairings[0].slave.owner[:, 1] < 0])
+    contact = qs.Contact(
+        slave, master, formulation=formulation, quadrature="nodal", search_radius=0.3
+    )
+    found = gathered(
+        WORLD, contact.model.pairings[0].slave.x[contact.model.pairings[0].slave.owner[:, 1] < 0]
+    )
     at_corner = np.linalg.norm(found, axis=1) < 1e-9
     assert np.count_nonzero(at_corner) == walls
 

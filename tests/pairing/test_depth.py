@@ -39,7 +39,9 @@ def contact_of(cell, kind, quadrature, formulation="quasi-symmetric"):
         x = [[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [2.0, 2.0, 0.0], [-1.0, 2.0, 0.0]]
         master = qs.RigidSurface.triangulated(WORLD, x, [[0, 1, 2], [0, 2, 3]])
     options = {"search_radius": RADIUS, "normals": "facet", "initial_overclosure": "ignore"}
-    return qs.Contact(slave, master, formulation=formulation, quadrature=quadrature, penalty=1.0, **options)
+    return qs.Contact(
+        slave, master, formulation=formulation, quadrature=quadrature, penalty=1.0, **options
+    )
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))

@@ -114,7 +114,14 @@ def test_areas(cell):
     for shift in (0.0, 0.2345):
         slave, master = surfaces(cell, shift=shift)
         for formulation in ("master-slave", "quasi-symmetric"):
-            contact = qs.Contact(slave, master, formulation=formulation, law=qs.Tied(), penalty=1.0, quadrature="overlay")
+            contact = qs.Contact(
+                slave,
+                master,
+                formulation=formulation,
+                law=qs.Tied(),
+                penalty=1.0,
+                quadrature="overlay",
+            )
             area = WORLD.allreduce(contact.pairing.weight.sum())
             assert np.isclose(area, 1 - shift, rtol=1e-12, atol=0), gdim
 
@@ -123,7 +130,9 @@ def test_areas(cell):
 def test_areas_of_curved_surfaces(cell):
     """Covered and uncovered parts of wavy facets add up to the slave's area."""
     slave, master = surfaces(cell, n=(9, 6), wave=0.1)
-    contact = qs.Contact(slave, master, formulation="master-slave", law=qs.Tied(), penalty=1.0, quadrature="overlay")
+    contact = qs.Contact(
+        slave, master, formulation="master-slave", law=qs.Tied(), penalty=1.0, quadrature="overlay"
+    )
     covered = WORLD.allreduce(contact.pairing.weight.sum())
     area = slave.area
     # At the rim facets that are tilted do not project onto each other wholly.
@@ -199,7 +208,11 @@ def test_quadrilaterals_that_fold_in_projection():
             x += 0.05 * np.sin(x @ waves)
             surfaces.append(qs.Surface(vector_space(msh), facets=facets))
         contact = qs.Contact(
-            *surfaces, formulation="master-slave", penalty=1.0, quadrature="overlay", search_radius=1.0
+            *surfaces,
+            formulation="master-slave",
+            penalty=1.0,
+            quadrature="overlay",
+            search_radius=1.0,
         )
         p = contact.pairing
         u = [s.create_vec() for s in surfaces]

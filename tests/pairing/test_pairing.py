@@ -109,7 +109,12 @@ def test_bilinear_facets():
     slave = curved(WORLD, "hexahedron", [12, 9], [0, 0], [1, 1], 0.3, 1, 0.3, "scattered")
     master = curved(WORLD, "hexahedron", [7, 8], [-0.2] * 2, [1.1] * 2, -0.3, 2, 0.3, "backward")
     contact = qs.Contact(
-        slave, master, formulation="master-slave", quadrature="nodal", search_radius=RADIUS, penalty=1.0
+        slave,
+        master,
+        formulation="master-slave",
+        quadrature="nodal",
+        search_radius=RADIUS,
+        penalty=1.0,
     )
     pairing = contact.pairing
     facets = all_facets(master)
@@ -133,10 +138,12 @@ def table(comm, partitions, formulation, cell):
     d = len(n[0])
     slave = curved(comm, cell, n[0], [0] * d, [1] * d, 0.3, 1, 0.0, partitions[0])
     master = curved(comm, cell, n[1], [0] * d, [1] * d, -0.3, 2, 0.0, partitions[1])
-    contact = qs.Contact(slave, master, formulation=formulation, law=qs.Tied(), penalty=1.0, quadrature="nodal")
+    contact = qs.Contact(
+        slave, master, formulation=formulation, law=qs.Tied(), penalty=1.0, quadrature="nodal"
+    )
     rows = [
         np.column_stack([p.slave.x, p.master.x, p.normal, p.gap, p.weight])
-        for p in contact.pairings
+        for p in contact.model.pairings
     ]
     rows = gathered(comm, np.concatenate(rows))
     return rows[np.lexsort(np.round(rows, 9).T)]
@@ -165,7 +172,14 @@ def test_ties_take_the_same_facet():
     def vertices(comm, partition):
         slave = curved(comm, "tetrahedron", [4, 4], [0, 0], [1, 1], 0.3, 1, 0.0, partition)
         master = curved(comm, "tetrahedron", [2, 4], [0, 0], [1, 1], -0.3, 1, 0.0, partition)
-        contact = qs.Contact(slave, master, formulation="master-slave", law=qs.Tied(), penalty=1.0, quadrature="nodal")
+        contact = qs.Contact(
+            slave,
+            master,
+            formulation="master-slave",
+            law=qs.Tied(),
+            penalty=1.0,
+            quadrature="nodal",
+        )
         x_of = dict(
             zip(
                 gathered(comm, master.node_dofs[:, 0]),
@@ -195,7 +209,11 @@ def test_never_the_back_of_a_body():
     front = qs.Surface(vector_space(plate), facets=plane(plate, 2, 0.0))
     num = [
         WORLD.allreduce(
-            len(qs.Contact(slave, s, formulation="master-slave", quadrature="nodal", search_radius=0.5).pairing)
+            len(
+                qs.Contact(
+                    slave, s, formulation="master-slave", quadrature="nodal", search_radius=0.5
+                ).pairing
+            )
         )
         for s in (back, front)
     ]

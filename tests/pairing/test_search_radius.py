@@ -37,14 +37,24 @@ def test_nodes_of_a_fine_body(formulation):
     """Nothing is paired further from fine facets than their size, over the coarse ones all is."""
     slave, master = graded(0.3, FINE)
     contact = qs.Contact(
-        slave, master, formulation=formulation, penalty=1.0, quadrature="nodal", search_radius="local"
+        slave,
+        master,
+        formulation=formulation,
+        penalty=1.0,
+        quadrature="nodal",
+        search_radius="local",
     )
-    assert np.isclose(contact.search_radius, SIZES[1])
+    assert np.isclose(contact.settings.search_radius, SIZES[1])
     x, _ = places(contact)
     if formulation == "master-slave":
         np.testing.assert_allclose(x, np.linspace(1, 2, FINE // 2 + 1), atol=1e-12)
     given = qs.Contact(
-        slave, master, formulation="master-slave", penalty=1.0, quadrature="nodal", search_radius=0.31
+        slave,
+        master,
+        formulation="master-slave",
+        penalty=1.0,
+        quadrature="nodal",
+        search_radius=0.31,
     )
     np.testing.assert_allclose(places(given)[0], np.linspace(0, 2, FINE + 1), atol=1e-12)
 
@@ -65,7 +75,7 @@ def test_coarse_and_fine(quadrature, swapped):
     surfaces = graded(0.95, COARSE)
     options = {"quadrature": quadrature, "penalty": 1.0, "search_radius": "local"}
     contact = qs.Contact(*surfaces[:: -1 if swapped else 1], **options)
-    assert np.isclose(contact.search_radius, 1.0)
+    assert np.isclose(contact.settings.search_radius, 1.0)
     assert np.isclose(places(contact)[1].sum(), 2.0)
     contact = qs.Contact(*graded(1.05, COARSE)[:: -1 if swapped else 1], **options)
     assert len(places(contact)[0]) == 0
@@ -109,11 +119,12 @@ def test_huge_triangles(quadrature, height, paired):
     surface = billet([-9, 0, height], [-5, 4, height + 4], [4, 4, 4])
     options = {"quadrature": quadrature, "penalty": 1.0}
     contact = qs.Contact(surface, die(WORLD), **options)
-    assert np.isclose(contact.search_radius, np.sqrt(2.0))
+    assert np.isclose(contact.settings.search_radius, np.sqrt(2.0))
     area = 16.0 if paired else 0.0
     if quadrature == "nodal" and paired:
         assert np.isclose(
-            places(qs.Contact(surface, die(WORLD), formulation="master-slave", **options))[1].sum(), area
+            places(qs.Contact(surface, die(WORLD), formulation="master-slave", **options))[1].sum(),
+            area,
         )
     if quadrature == "overlay":
         assert np.isclose(places(contact)[1].sum(), area)
@@ -124,7 +135,9 @@ def test_fillet():
     """Nodes over fillet and flat that are no further from the die than the billet's facets."""
     n, height = 12, 0.35
     surface = billet([-4, 0.5, height], [2 - 0.3, 3.5, height + 2], [n, 6, 1])
-    contact = qs.Contact(surface, die(WORLD), formulation="master-slave", quadrature="nodal", penalty=1.0)
+    contact = qs.Contact(
+        surface, die(WORLD), formulation="master-slave", quadrature="nodal", penalty=1.0
+    )
     x = np.linspace(-4, 1.7, n + 1)
     # The chord of the fillet is not more than 1/200 of its radius off.
     distance = np.where(x < 0, height, FILLET - np.hypot(np.maximum(x, 0), FILLET - height))
@@ -133,4 +146,4 @@ def test_fillet():
     near = np.abs(distance) <= size
     found, _ = places(contact)
     np.testing.assert_allclose(found, np.repeat(x[near], 7), atol=1e-12)
-    assert np.isclose(contact.search_radius, size)
+    assert np.isclose(contact.settings.search_radius, size)

@@ -110,7 +110,12 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
     slave = qs.Surface(vector_space(wide), facets=plane(wide, axis, 0.01))
     master = qs.Surface(vector_space(corner), facets=faces)
     contact = qs.Contact(
-        slave, master, formulation="master-slave", quadrature="nodal", search_radius=0.8, penalty=1.0
+        slave,
+        master,
+        formulation="master-slave",
+        quadrature="nodal",
+        search_radius=0.8,
+        penalty=1.0,
     )
     paired, x = np.isfinite(contact.weighted_gap()), slave.node_x[:, 0]
     alone, unpaired = WORLD.allreduce(np.count_nonzero(~paired)), contact.num_unpaired
@@ -138,7 +143,12 @@ def test_ridge_of_cells_numbered_anyhow(turns):
     slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.6))
     master = qs.Surface(vector_space(roof), facets=top)
     contact = qs.Contact(
-        slave, master, formulation="master-slave", quadrature="nodal", search_radius=1.0, penalty=1.0
+        slave,
+        master,
+        formulation="master-slave",
+        quadrature="nodal",
+        search_radius=1.0,
+        penalty=1.0,
     )
     points = contact.pairing
     above = np.isclose(points.slave.x[:, 0], 1.0)

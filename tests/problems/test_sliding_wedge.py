@@ -66,7 +66,7 @@ def test_other_mu():
 def test_no_friction_without_mu():
     """A wedge without friction has no tangential rows; a negative μ is refused."""
     contact = build(WORLD, Parameters(mu=0.0))[1]
-    assert contact.friction is None and contact.model.slips == () and contact.symmetric
+    assert contact.friction is None and contact.model.slips == () and contact.model.symmetric
     with pytest.raises(ValueError, match="mu"):
         build(WORLD, Parameters(mu=-0.1))
 

@@ -42,7 +42,7 @@ class Heated(Upset):
         lower = self.contacts[0]
         surface = qs.Surface(V, facets=lower.slave.facets, axisymmetric=axisymmetric)
         law = qs.Conductance(lambda p, g: 0.02 * p, tool=self.cold)
-        self.across = qs.Contact(surface, lower.master, law=law, of=lower)
+        self.across = qs.Contact(surface, lower.master, law=law, mechanics=lower)
         heat = qs.ContactProblem([self.form], [self.T], [self.across])
         return problem, qs.Staggered(heat, [self.before], dt)
 

@@ -63,7 +63,7 @@ def test_degree_of_the_rule(friction, within):
         high.clamp(plane(high.mesh, 2, 0.5), (0.1, 0.0, -0.02))
         contact = qs.Contact(high.side(2, 0.0), low.side(2, 0.0), friction=friction, **options)
         problem = following_problem([low, high], [contact])
-        assert contact.quadrature_degree == expected
+        assert contact.settings.quadrature_degree == expected
         problem.solve()
         forces.append(contact.force("slave"))
     assert largest(forces[0] - forces[1]) < within * largest(forces[1])

@@ -389,6 +389,7 @@ def test_vertices_that_bear_keep_their_points():
         upper.held.value[:] = max(way - 0.5, 0.0), -0.06 * min(2 * way, 1.0)
 
     stepper = qs.TimeStepper(problem_of([upper.body, lower.body], [contact]), 1.0, drive)
+    force = np.zeros(2)
     for t in stepper.run(12.0):
         if round(t) % 2 == 0:
             assert stepper.num_iterations == 0

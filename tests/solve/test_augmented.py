@@ -35,10 +35,10 @@ def scene(cell="quadrilateral", penalty=30.0, law=None, solver="direct", **optio
 def test_default(formulation):
     """Wherever there is one; multipliers on both sides have none."""
     pair = Pair("triangle", formulation)
-    assert pair.contact.quadrature == "overlay"
+    assert pair.contact.settings.quadrature == "overlay"
     both = formulation == "double-pass"
-    assert pair.contact.enforcement == ("penalty" if both else "augmented-lagrangian")
-    assert pair.contact.augmented != both
+    assert pair.contact.settings.enforcement == ("penalty" if both else "augmented-lagrangian")
+    assert pair.contact.model.augmented != both
     if both:
         raises_everywhere(
             WORLD, ValueError, "cannot close", lambda: Pair("triangle", formulation, **GIVEN)
@@ -106,8 +106,8 @@ def test_gap_is_closed_at_any_penalty(cell, law):
         gap, active = pair.contact.weighted_gap(), pair.contact.active()
         gaps.append(largest(gap[active] if law is qs.Unilateral else gap))
         (gap,) = problem.violation_history
-        assert gap <= pair.contact.allowed_gap
-    allowed = pair.contact.allowed_gap
+        assert gap <= pair.contact.settings.allowed_gap
+    allowed = pair.contact.settings.allowed_gap
     assert max(gaps) <= 3 * allowed
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-9)
 
@@ -170,4 +170,4 @@ def test_loose_newton(solver):
     pair, _ = scene("hexahedron")
     problem = pair.problem(solver=solver, petsc_options={"snes_rtol": 1e-4})
     problem.solve()
-    assert problem.violation_history[-1] <= pair.contact.allowed_gap
+    assert problem.violation_history[-1] <= pair.contact.settings.allowed_gap

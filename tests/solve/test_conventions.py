@@ -58,7 +58,7 @@ def test_conditions_that_fit_nowhere():
     pair, other = Pair("quadrilateral"), Pair("quadrilateral")
     with pytest.raises(ValueError, match="bcs: entry 0 is on the space of none of u"):
         qs.ContactProblem(pair.F, pair.u, [pair.contact], other.bcs[0])
-    with pytest.raises(TypeError, match="bcs: must be dolfinx.fem.DirichletBC, or a list"):
+    with pytest.raises(TypeError, match=r"bcs: must be dolfinx.*, or a list"):
         qs.ContactProblem(pair.F, pair.u, [pair.contact], [*pair.bcs[0], pair.bcs[1]])
 
 

@@ -78,7 +78,12 @@ def test_two_contacts_of_the_same_bodies():
     left = mesh.compute_midpoints(msh, 1, facets)[:, 0] < 0.5
     contacts = [
         qs.Contact(
-            qs.Surface(V, facets=f), parts.master, formulation="master-slave", law=qs.Tied(), penalty=100.0, **options
+            qs.Surface(V, facets=f),
+            parts.master,
+            formulation="master-slave",
+            law=qs.Tied(),
+            penalty=100.0,
+            **options,
         )
         for f in (facets[left], facets[~left])
     ]

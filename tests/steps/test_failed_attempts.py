@@ -64,10 +64,17 @@ def test_next_attempt_starts_where_the_first_did(num_pairings):
 def shown(contact):
     """What can be read from a contact between two steps."""
     surfaces = [s for s in (contact.slave, contact.master) if isinstance(s, qs.Surface)]
-    vecs = [vec.array_r.copy() for vec in contact.offset if vec is not None]
-    numbers = [contact.dt, contact.search_radius, contact.penalty, contact.penetration()]
+    vecs = [vec.array_r.copy() for vec in contact.model.offset if vec is not None]
+    numbers = [contact.dt, contact.settings.search_radius, contact.penalty, contact.penetration()]
     return [
-        np.array([*numbers, *contact.scale, *contact.force("slave"), *contact.moment("slave")]),
+        np.array(
+            [
+                *numbers,
+                *contact.model.kinematics.scale,
+                *contact.force("slave"),
+                *contact.moment("slave"),
+            ]
+        ),
         np.nan_to_num(contact.gap()),
         np.nan_to_num(contact.weighted_gap()),
         contact.multiplier(),

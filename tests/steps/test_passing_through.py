@@ -194,4 +194,4 @@ def test_a_limit_below_what_counts_as_closed():
     stepper = qs.TimeStepper(problem, 1.0, drive, dt_min=0.6, max_penetration=1e-13)
     with pytest.raises(qs.StepError, match="a penetration of"):
         stepper.step()
-    assert contact.allowed_gap > 1e-13
+    assert contact.settings.allowed_gap > 1e-13

@@ -130,7 +130,7 @@ def test_heat_of_friction_in_steps():
         fields.append(qs.Surface(V, facets=facets))
     bodies = qs.Contact(surfaces[1], surfaces[0], friction=qs.Coulomb(0.3))
     law = qs.Conductance(0.5, friction=0.4)
-    across = qs.Contact(fields[1], fields[0], law=law, of=bodies, dt=1.0)
+    across = qs.Contact(fields[1], fields[0], law=law, mechanics=bodies, dt=1.0)
 
     def drive(t, dt):
         bcs[1][0].g.value[...] = 0.5 * t

@@ -221,7 +221,9 @@ def test_one_tool_on_two_bodies():
     """What drives it is shared, half and half, between two equal blocks."""
     scenes = [Pressed("triangle", flat) for _ in range(2)]
     tool = flat(WORLD, 2)
-    contacts = [qs.Contact(s.surface, tool, formulation="master-slave", penalty=1e3) for s in scenes]
+    contacts = [
+        qs.Contact(s.surface, tool, formulation="master-slave", penalty=1e3) for s in scenes
+    ]
     problem = qs.ContactProblem(
         [s.F for s in scenes], [s.u for s in scenes], contacts, [s.bcs for s in scenes]
     )

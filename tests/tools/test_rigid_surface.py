@@ -122,7 +122,9 @@ def test_facets_of_a_sphere_converge():
     errors = []
     for n in (20, 40):
         tool = sphere_facets(WORLD, n, center, radius)
-        contact = qs.Contact(scene.surface, tool, formulation="master-slave", normals="facet", **options)
+        contact = qs.Contact(
+            scene.surface, tool, formulation="master-slave", normals="facet", **options
+        )
         error = np.abs(contact.weighted_gap() - exact.weighted_gap())
         assert np.array_equal(np.isnan(contact.weighted_gap()), np.isnan(exact.weighted_gap()))
         errors.append(largest(np.nan_to_num(error)))

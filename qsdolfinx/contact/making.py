@@ -1,0 +1,294 @@
+"""How a contact is made of its arguments: checks, what they leave open, and its parts."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+
+from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
+from qsdolfinx.base.collective import checked
+from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
+from qsdolfinx.contact.advice import ChordErrors, chord_errors, smoothed
+from qsdolfinx.contact.arguments import (
+    SLAVE,
+    Given,
+    check_constraints,
+    check_field,
+    check_formulation,
+    check_friction,
+    check_friction_use,
+    check_itself,
+    check_memory,
+    check_of_use,
+    check_sliding,
+    check_smoothing,
+    check_surfaces,
+    default_constraints,
+    default_enforcement,
+)
+from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.contact.penalty import Penalty, points_factor
+from qsdolfinx.friction.history import FrictionHistory
+from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
+from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
+from qsdolfinx.gap.overclosure import Overclosure
+from qsdolfinx.gap.rows import CONSTRAINTS
+from qsdolfinx.pairing.facets import has_creases
+from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
+from qsdolfinx.pairing.relief import Smoothing, sides_of
+from qsdolfinx.surface.itself import boundary_of
+from qsdolfinx.tools.rigid_surface import as_tool
+
+SLIDING = ("small", "finite")
+FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
+ENFORCEMENTS = ("penalty", "augmented-lagrangian")
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Those of :class:`qs.Contact`, of any type as long as they are not checked."""
+
+    slave: typing.Any
+    master: typing.Any
+    name: typing.Any
+    law: typing.Any
+    friction: typing.Any
+    sliding: typing.Any
+    formulation: typing.Any
+    enforcement: typing.Any
+    penalty: typing.Any
+    friction_penalty: typing.Any
+    gap_tolerance: typing.Any
+    constraints: typing.Any
+    initial_overclosure: typing.Any
+    search_radius: typing.Any
+    quadrature: typing.Any
+    quadrature_degree: typing.Any
+    normals: typing.Any
+    smoothing: typing.Any
+    unknown: typing.Any
+    dt: typing.Any
+    mechanics: typing.Any
+
+    @property
+    def itself(self) -> bool:
+        """Whether slave and master are one boundary."""
+        return self.master is self.slave
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether the contact chooses what gaps are measured between."""
+        return isinstance(self.smoothing, str) and self.smoothing == "auto"
+
+    @property
+    def augmented(self) -> bool:
+        """Whether multipliers close the gaps."""
+        return bool(self.enforcement == "augmented-lagrangian")
+
+
+class Chosen(typing.NamedTuple):
+    """Arguments after checks, with what they have left open.
+
+    Attributes:
+        given: The arguments.
+        degree: Of the rule on the overlay's pieces.
+        sides: What gaps are measured between, of slave and master.
+        sliding_is_given: Whether the user has named the kind of sliding.
+        may_follow: Whether a problem may let contact follow the bodies.
+    """
+
+    given: Arguments
+    degree: int
+    sides: typing.Any
+    sliding_is_given: bool
+    may_follow: bool
+
+    @property
+    def follows(self) -> bool:
+        """Whether gaps follow the bodies."""
+        return bool(self.given.sliding == "finite" and not self.given.law.jump)
+
+
+def choose(a: Arguments) -> Chosen:
+    """Check arguments, and choose what they leave open. Collective.
+
+    Raises:
+        ValueError, TypeError: See :class:`qs.Contact`; the same on all ranks.
+    """
+    check(SLAVE, slave=a.slave)
+    if a.law is None:
+        a = dataclasses.replace(a, law=Tied() if a.slave.is_scalar else Unilateral())
+    with checked(a.slave.comm) as same:
+        check_surfaces(a.slave, a.master)
+        same(slave="scalar" if a.slave.is_scalar else "vector")
+        same(master="the slave" if a.itself else type(a.master).__name__)
+        same(either(instance(str, "a string"), None), name=a.name)
+        same(one_of(FORMULATIONS), formulation=a.formulation)
+        if a.enforcement is None:
+            a = dataclasses.replace(a, enforcement=default_enforcement(a.formulation, a.law))
+        same(one_of(ENFORCEMENTS), enforcement=a.enforcement)
+        check_formulation(a.formulation, a.enforcement, a.master)
+        same(one_of(QUADRATURES), quadrature=a.quadrature)
+        check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=a.law)
+        follows = a.sliding == "finite" and not a.law.jump
+        degree = check_quadrature(a.slave, a.master, a.quadrature, a.quadrature_degree, follows)
+        check_friction(a.friction, a.slave)
+        # Before what follows from them: of several arguments that differ the first is named.
+        mechanics = None if a.mechanics is None else "contact"
+        same(law=type(a.law).__name__, friction=a.friction, mechanics=mechanics)
+        a = _check_uses(a, same)
+        chosen = _choose_sliding(a, degree, same)
+        a = chosen.given
+        same(quadrature_degree=degree, dt=a.dt, initial_overclosure=a.initial_overclosure)
+    # All ranks have been given the same: these need not be agreed upon.
+    check_friction_use(a.friction, a.friction_penalty, a.law)
+    check_constraints(a.constraints, a.quadrature, a.law)
+    if isinstance(a.law, Conductance):  # h takes its place, at each point
+        chosen = chosen._replace(given=dataclasses.replace(a, penalty=1.0, constraints="points"))
+    return chosen
+
+
+def _check_uses(a: Arguments, same: typing.Any) -> Arguments:
+    """Refuse arguments that do not fit together; the formulation of shared pairs is theirs."""
+    rest = Given(
+        a.formulation, a.quadrature, a.unknown, a.sliding, a.initial_overclosure, a.constraints
+    )
+    check_field(a.slave, a.master, a.law, a.enforcement, a.friction, a.penalty, rest)
+    shares = hasattr(a.mechanics, "model") and shares_pairs(a.mechanics.model, a.master)
+    check_of_use(
+        a.slave,
+        a.law,
+        a.mechanics,
+        rest,
+        shares,
+        quadrature_degree=a.quadrature_degree,
+        search_radius=a.search_radius,
+        normals=a.normals,
+    )
+    if isinstance(a.law, Conductance):
+        same(**a.law.numbers)
+    same(unknown=unknowns_of(a.unknown, as_tool(a.master) is not None))
+    same(either(POSITIVE, "auto"), penalty=a.penalty)
+    same(either(either(POSITIVE, "local"), None), search_radius=a.search_radius)
+    same(POSITIVE, gap_tolerance=a.gap_tolerance)
+    same(either(POSITIVE, None), friction_penalty=a.friction_penalty)
+    if a.mechanics is not None:
+        check_of(a.mechanics.model, a.slave, a.master)
+        if shares:
+            return dataclasses.replace(a, formulation=a.mechanics.model.settings.formulation)
+    return a
+
+
+def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
+    """Choose sliding, normals and where constraints are; check them."""
+    same(either(one_of(SLIDING), None), sliding=a.sliding)
+    same(either(one_of(CONSTRAINTS), None), constraints=a.constraints)
+    may_follow = a.sliding is None and a.normals is None and a.quadrature == "overlay"
+    may_follow &= not a.slave.is_scalar and a.constraints != "nodes"
+    is_given, sliding, normals = a.sliding is not None, a.sliding or "small", a.normals
+    if normals is None:
+        averaging = a.quadrature == "overlay" or a.friction is not None
+        normals = "bisector" if averaging and sliding == "small" else "facet"
+    same(one_of(NORMALS), normals=normals)
+    sides = sides_of("none" if a.is_automatic else a.smoothing, a.master)
+    same(smoothing=(a.is_automatic, sides))
+    check_smoothing(sides, a.quadrature)
+    constraints = a.constraints
+    if constraints is None:
+        constraints = default_constraints(
+            a.quadrature, a.formulation, a.law, a.enforcement, sliding
+        )
+    check_memory(a.law, a.enforcement, constraints, sliding)
+    check_sliding(sliding, a.quadrature, normals, constraints, sides, a.law)
+    if a.itself:
+        check_itself(a.formulation, a.quadrature, a.law, sides, a.unknown)
+    Overclosure(a.initial_overclosure)  # which checks it
+    a = dataclasses.replace(a, sliding=sliding, normals=normals, constraints=constraints)
+    return Chosen(a, degree, sides, is_given, may_follow)
+
+
+class Made(typing.NamedTuple):
+    """A contact that is not yet paired.
+
+    Attributes:
+        model: Its parts.
+        smoothing: What its gaps are measured between, as it is given.
+        alike: Chord errors because of which that are the curved surfaces; None for none.
+    """
+
+    model: ContactModel
+    smoothing: typing.Any
+    alike: ChordErrors | None
+
+
+def make(chosen: Chosen) -> Made:
+    """The parts of a contact. Collective."""
+    a, settings, alike = chosen.given, _settings(chosen), None
+    smoothing = a.smoothing
+    if a.is_automatic:
+        may_be = (a.quadrature, a.sliding) == ("overlay", "small")
+        may_be &= not (a.itself or a.slave.is_scalar)
+        alike = chord_errors(settings) if may_be else None
+        smoothing = "none"
+    if alike is not None:
+        settings, smoothing = smoothed(settings), "shared-curvature"
+    needs_dt = a.friction is not None and a.friction.needs_dt
+    if isinstance(a.law, Conductance) and a.law.friction is not None:
+        needs_dt = a.mechanics is None or a.mechanics.model.kinematics.dt is None
+        needs_dt |= a.dt is not None
+    kinematics = Kinematics(a.unknown, a.dt, needs_dt, rigid_master=as_tool(a.master) is not None)
+    penalty = Penalty(
+        a.penalty,
+        a.quadrature,
+        a.augmented,
+        "velocity" in kinematics.unknown,
+        points_factor(a.constraints, chosen.follows),
+    )
+    slave, master = settings.slave, settings.master
+    friction = None
+    if a.friction is not None:
+        friction = FrictionHistory(a.friction, slave, a.friction_penalty)
+    bodies = None
+    if a.mechanics is not None:
+        bodies = BodiesContact(a.mechanics.model, slave, master)
+    model = ContactModel(
+        settings, kinematics, penalty, Overclosure(a.initial_overclosure), friction, bodies
+    )
+    model.name = a.name
+    model.sliding_is_given = chosen.sliding_is_given
+    model.sliding_is_open = (
+        chosen.may_follow
+        and chosen.sides == (None, None)
+        and alike is None
+        and (a.law.jump or a.constraints == "points")
+    )
+    return Made(model, smoothing, alike)
+
+
+def _settings(chosen: Chosen) -> Settings:
+    """What the contact keeps of its arguments. Collective."""
+    a = chosen.given
+    slave, master = a.slave, a.master
+    if a.itself:
+        slave, master = boundary_of(slave), boundary_of(slave)
+    at_points = a.constraints == "points" and not (a.itself or isinstance(a.law, Conductance))
+    radius = a.search_radius
+    return Settings(
+        slave,
+        master,
+        a.formulation,
+        a.law,
+        Sampling(
+            a.quadrature,
+            chosen.degree,
+            a.normals,
+            Smoothing(slave, master, chosen.sides, chosen.follows),
+            a.quadrature_degree is not None,
+        ),
+        radius if radius is None or isinstance(radius, str) else float(radius),
+        a.constraints,
+        a.augmented,
+        float(a.gap_tolerance),
+        a.sliding,
+        (has_creases(slave, at_points), has_creases(master, at_points)),
+    )

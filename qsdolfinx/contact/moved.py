@@ -1,0 +1,48 @@
+"""Attributes of :class:`qs.Contact` by their names of before, for one more version."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import typing
+import warnings
+
+from qsdolfinx.contact import motion
+from qsdolfinx.contact.settings import ContactSettings
+
+#: Where each is read now, and how it is found.
+_MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
+    "augmented": ("settings.enforcement", lambda c: c.model.augmented),
+    "overclosure": ("settings.initial_overclosure", lambda c: c.model.overclosure),
+    "energy": ("stored_energy()", lambda c: c.stored_energy()),
+    "eps": ("penalty", lambda c: c.model.eps if c.model.augmented else c.model.penalty.eps),
+    "tangential_penalty": ("model.tangential_eps", lambda c: c.model.tangential_eps),
+    "has_automatic_penalty": ("model.penalty.automatic", lambda c: c.model.penalty.automatic),
+    "stiffness": ("model.penalty.stiffness", lambda c: c.model.penalty.stiffness),
+    "symmetric": ("model.symmetric", lambda c: c.model.symmetric),
+    "scale": ("model.kinematics.scale", lambda c: c.model.kinematics.scale),
+    "version": ("model.num_pairings", lambda c: c.model.num_pairings),
+    "offset": ("model.offset", lambda c: c.model.offset or (None, None)),
+    "set_offset": (
+        "qsdolfinx.contact.motion.set_offset",
+        lambda c: functools.partial(motion.set_offset, c.model),
+    ),
+    "pairings": ("model.pairings", lambda c: c.model.pairings),
+    "seconds": ("model.watch.total", lambda c: c.model.watch.total),
+} | {
+    field.name: (f"settings.{field.name}", lambda c, n=field.name: getattr(c.settings, n))
+    for field in dataclasses.fields(ContactSettings)
+}
+
+
+def moved(contact: typing.Any, name: str) -> typing.Any:
+    """An attribute that has moved, with a warning that says where.
+
+    Raises:
+        AttributeError: If there has never been one of this name.
+    """
+    if name not in _MOVED:
+        raise AttributeError(f"Contact has no attribute {name!r}")
+    place, find = _MOVED[name]
+    warnings.warn(f"contact.{name} is contact.{place} now", DeprecationWarning, stacklevel=3)
+    return find(contact)

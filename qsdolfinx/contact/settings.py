@@ -1,0 +1,66 @@
+"""What a contact was made with, to read: the object ``contact.settings``."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.pairing.relief import Side
+
+
+@dataclasses.dataclass(frozen=True)
+class ContactSettings:
+    """Arguments of :class:`qs.Contact`, with what was chosen where they were left open.
+
+    Attributes:
+        formulation: Which surfaces are sampled, and which carry multipliers.
+        enforcement: ``"penalty"`` or ``"augmented-lagrangian"``.
+        penalty_source: How ε was chosen, in words.
+        gap_tolerance: Gap that multipliers may leave, in units of the smallest facet.
+        allowed_gap: The same as a length.
+        constraints: Where the law is asked for a multiplier, at ``"nodes"`` or ``"points"``.
+        initial_overclosure: What becomes of penetration at the first pairing.
+        search_radius: Distance (length) beyond which nothing is paired; the largest of any place.
+        quadrature: ``"nodal"`` or ``"overlay"``.
+        quadrature_degree: Degree of the rule on the pieces of the overlay.
+        normals: ``"facet"`` or ``"bisector"``.
+        smoothing: What gaps are measured between.
+        unknown: ``"displacement"`` or ``"velocity"``, of the slave's and the master's body.
+        dt: Δt (time); None if nothing depends on it.
+    """
+
+    formulation: str
+    enforcement: str
+    penalty_source: str
+    gap_tolerance: float
+    allowed_gap: float
+    constraints: str
+    initial_overclosure: str
+    search_radius: float
+    quadrature: str
+    quadrature_degree: int
+    normals: str
+    smoothing: Side | tuple[Side, Side]
+    unknown: tuple[str, str]
+    dt: float | None
+
+
+def settings_of(model: ContactModel, smoothing: Side | tuple[Side, Side]) -> ContactSettings:
+    """Those of a contact as it is now."""
+    settings = model.settings
+    return ContactSettings(
+        settings.formulation,
+        "augmented-lagrangian" if model.augmented else "penalty",
+        model.penalty.source,
+        settings.gap_tolerance,
+        model.allowed_gap,
+        settings.constraints,
+        model.overclosure.treatment,
+        model.paired.search_radius,
+        settings.sampling.quadrature,
+        settings.sampling.degree,
+        settings.sampling.normals,
+        smoothing,
+        model.kinematics.unknown,
+        model.kinematics.dt,
+    )

@@ -1,0 +1,43 @@
+"""The checks of a solution: all that may be wrong with a contact that has converged."""
+
+from __future__ import annotations
+
+import functools
+
+from qsdolfinx.contact.advice import CHORDS
+from qsdolfinx.contact.between_nodes import find_deep_between_nodes, find_deep_corners
+from qsdolfinx.contact.creases import find_crossing_edges
+from qsdolfinx.contact.findings import Check, look
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.reach import ReachWarning, find_passed_through
+from qsdolfinx.contact.slid import find_slid
+from qsdolfinx.contact.turned import find_turned_tie
+from qsdolfinx.solve.chord_pressure import find_chord_pressure
+from qsdolfinx.solve.newton import Newton
+
+#: Of a solve that stands for itself, in the order in which they are made.
+OF_A_SOLVE = (
+    Check("passed through unseen", find_passed_through, ReachWarning),
+    Check("deep corner", find_deep_corners),
+    Check("deep between nodes", find_deep_between_nodes),
+    Check("turned tie", find_turned_tie),
+    Check("slid with small sliding", find_slid),
+    Check("edges that cross", find_crossing_edges),
+)
+
+#: Of a step, which looks itself for points that have passed through, and pairs anew as they slide.
+OF_A_STEP = tuple(
+    check for check in OF_A_SOLVE if check.find not in (find_passed_through, find_slid)
+)
+
+
+def diagnose(newton: Newton, contact: ContactModel, is_step: bool = False) -> None:
+    """Make the checks of a solution, and warn of what they find. Collective.
+
+    Args:
+        newton: Newton's method, at the solution.
+        contact: One of its contacts.
+        is_step: Whether it is the end of a time step.
+    """
+    chords = Check(CHORDS, functools.partial(find_chord_pressure, newton))
+    look(contact, [*(OF_A_STEP if is_step else OF_A_SOLVE), chords])

@@ -1,0 +1,97 @@
+"""What users see of a contact: its results, names of before, and its name in messages."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from scenes import WORLD, Pair, box, elastic, plane, vector_space
+
+from dolfinx import fem
+
+import qsdolfinx as qs
+from qsdolfinx.contact.moved import _MOVED
+
+
+@pytest.mark.parallel
+def test_results_of_one_object():
+    """Each is the contact's too; they are functions of the last solve."""
+    pair = Pair("quadrilateral", law=qs.Unilateral())
+    contact = pair.contact
+    assert not np.any(contact.results.force("slave"))
+    pair.problem().solve()
+    assert contact.results.force("slave")[1] > 0
+    np.testing.assert_array_equal(contact.multiplier(), contact.results.multiplier())
+    np.testing.assert_array_equal(contact.force("master"), contact.results.force("master"))
+    before = contact.results.force("slave")
+    contact.reset()
+    np.testing.assert_array_equal(contact.results.force("slave"), before)
+
+
+def test_completion():
+    """What is listed is what users need, and all of it is there."""
+    contact = Pair("quadrilateral").contact
+    shown = [name for name in dir(contact) if not name.startswith("_")]
+    assert len(shown) <= 30 and {"force", "results", "settings", "report"} <= set(shown)
+    shown = dir(contact.slave)
+    assert len(shown) <= 15
+    for name in shown:
+        getattr(contact.slave, name)
+
+
+def test_names_of_before():
+    """Still there, with a warning that says where it is now; others are none."""
+    contact = Pair("quadrilateral", law=qs.Unilateral()).contact
+    for name, (place, _) in _MOVED.items():
+        if name in ("eps", "tangential_penalty"):  # not known before a solve, or without friction
+            continue
+        if name in type(contact).__dict__:  # which contacts and settings have both
+            continue
+        text = re.escape(f"contact.{name} is contact.{place} now")
+        with pytest.warns(DeprecationWarning, match=text):
+            getattr(contact, name)
+    with pytest.raises(AttributeError, match="Contact has no attribute 'forces'"):
+        contact.forces
+    assert contact.settings.formulation == "quasi-symmetric"
+
+
+def test_arguments_by_name():
+    """But for the two surfaces."""
+    pair = Pair("quadrilateral")
+    with pytest.raises(TypeError, match="positional"):
+        qs.Contact(pair.slave, pair.master, "master-slave")
+    with pytest.raises(TypeError, match="name: must be a string"):
+        qs.Contact(pair.slave, pair.master, name=3)
+
+
+@pytest.mark.parallel
+def test_name_and_step_in_messages():
+    """A tie with a gap that turns by half a right angle in small sliding, in the second step."""
+    msh = [box(WORLD, (2, 2), "quadrilateral", [0, y], [1, y + 1]) for y in (0.0, 1.2)]
+    V = [vector_space(m) for m in msh]
+    u = [fem.Function(W) for W in V]
+    sides = [plane(msh[0], 1, 1.0), plane(msh[1], 1, 1.2)]
+    surfaces = [qs.Surface(W, facets=f) for W, f in zip(V, sides, strict=True)]
+    options = {"law": qs.Tied(), "sliding": "small", "search_radius": 1.0}
+    contact = qs.Contact(surfaces[1], surfaces[0], name="glue", **options)
+    held = fem.Constant(msh[0], [0.0, 0.0])
+    pulled = fem.Constant(msh[1], [0.0, 0.0])
+    bcs = [
+        fem.dirichletbc(held, fem.locate_dofs_topological(V[0], 1, plane(msh[0], 1, 0.0)), V[0]),
+        fem.dirichletbc(pulled, fem.locate_dofs_topological(V[1], 1, plane(msh[1], 1, 2.2)), V[1]),
+    ]
+    problem = qs.ContactProblem([elastic(u[0]), elastic(u[1])], u, [contact], bcs)
+
+    def drive(t, dt):
+        pulled.value[:] = (0.8 if t > 0.75 else 0.0), 0.0
+
+    stepper = qs.TimeStepper(problem, 0.5, drive, num_pairings=1, max_penetration=None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in stepper.run(1.0):
+            pass
+    texts = [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
+    assert texts and all(text.startswith("step 2, t = 1: contact 'glue': ") for text in texts), (
+        texts
+    )
+    assert contact.name == "glue"
