@@ -6,6 +6,7 @@ as in (12), are the paper's.
 """
 
 from qsdolfinx import compat, materials
+from qsdolfinx.base.crash import end_all_ranks
 from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.fields import Status
@@ -87,6 +88,7 @@ __all__ = [
     "compat",
     "effusivity_share",
     "elevate",
+    "end_all_ranks",
     "load_meshes",
     "load_run",
     "materials",

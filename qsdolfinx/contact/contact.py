@@ -167,6 +167,7 @@ class Contact:
             conforming surfaces is not small beside their clearance or interference.
 
     Attributes:
+        results: What there is to read after a solve.
         model: The parts, for the problem and for those who extend the library.
     """
 

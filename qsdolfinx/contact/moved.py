@@ -11,7 +11,7 @@ from qsdolfinx.contact import motion
 from qsdolfinx.contact.settings import ContactSettings
 
 #: Where each is read now, and how it is found.
-_MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
+MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
     "augmented": ("settings.enforcement", lambda c: c.model.augmented),
     "overclosure": ("settings.initial_overclosure", lambda c: c.model.overclosure),
     "energy": ("stored_energy()", lambda c: c.stored_energy()),
@@ -41,8 +41,8 @@ def moved(contact: typing.Any, name: str) -> typing.Any:
     Raises:
         AttributeError: If there has never been one of this name.
     """
-    if name not in _MOVED:
+    if name not in MOVED:
         raise AttributeError(f"Contact has no attribute {name!r}")
-    place, find = _MOVED[name]
+    place, find = MOVED[name]
     warnings.warn(f"contact.{name} is contact.{place} now", DeprecationWarning, stacklevel=3)
     return find(contact)

@@ -128,6 +128,8 @@ def _unsettled(history: typing.Sequence[typing.Sequence[int]], names: typing.Seq
     """Contacts whose active set still changed in the last iteration, as the end of a sentence."""
     if len(history) < 2:
         return ""
+    if len(names) != len(history[-1]):  # of another problem, such as of heat
+        names = [f"contact {i}" for i in range(len(history[-1]))]
     changes = zip(names, history[-2], history[-1], strict=True)
     texts = [f"{name} ({before} to {after} closed)" for name, before, after in changes
              if before != after]  # fmt: skip

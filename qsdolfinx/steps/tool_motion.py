@@ -39,10 +39,6 @@ class ToolRate(typing.NamedTuple):
         turned = rotation_vector(now.R @ before.R.T)
         return cls(np.asarray((center - came_from) / dt), np.asarray(turned / dt))
 
-    def times(self, part: float) -> ToolRate:
-        """The same motion at a part of its rate."""
-        return ToolRate(part * self.displacement, part * self.rotation)
-
     def go_ahead(self, tool: RigidSurface, time: float) -> None:
         """Let the tool go on at this rate; what is left of its motion stays to be made."""
         if not np.any([*self.displacement, *self.rotation]):
@@ -54,6 +50,11 @@ class ToolRate(typing.NamedTuple):
             tool.displacement = tool.displacement + missing[0]
             tool.rotation = tool.rotation + missing[1]
         tool.go_ahead(displacement, rotation)
+
+
+def rests(tool: RigidSurface) -> bool:
+    """Whether a tool has no motion in the step: contact finds it where it is."""
+    return tool.driven is None and not np.any([*tool.displacement, *tool.rotation])
 
 
 def left_until(tool: RigidSurface, before: Pose, part: float) -> tuple[Array, Array]:

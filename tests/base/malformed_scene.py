@@ -205,7 +205,7 @@ def contact(scene, **more):
 def problem(scene):
     pair = scene.pair
     arguments = {"F": pair.F, "u": pair.u, "contacts": [pair.contact], "bcs": pair.bcs, "J": None}
-    arguments |= {"kind": "mpi", "solver": "direct", "petsc_options": None}
+    arguments |= {"kind": "mpi", "linear_solver": "direct", "petsc_options": None}
     return Call(
         qs.ContactProblem,
         arguments | {"petsc_options_prefix": None, "pressure_preconditioner": None},
@@ -300,7 +300,7 @@ GOOD = {
     "Contact.slip": lambda s: Call(s.pair.contact.slip, {"side": "slave"}),
     "ContactProblem": problem,
     "problem by default": lambda s: Call(
-        qs.ContactProblem, problem(s).arguments | {"solver": "auto"}
+        qs.ContactProblem, problem(s).arguments | {"linear_solver": "auto"}
     ),
     "solve_with_continuation": lambda s: Call(
         qs.solve_with_continuation, {"problem": s.case.problem, "m": s.m, "target": 0.5}

@@ -168,4 +168,5 @@ def full_disk(folder):
 
 
 if __name__ == "__main__":
+    qs.end_all_ranks()
     globals()[sys.argv[1]](pathlib.Path(sys.argv[2]))

@@ -367,7 +367,7 @@ CASES = {
     "contacts: one of them is in the list twice": lambda s, folder: qs.ContactProblem(
         s.pair.F, s.pair.u, [s.pair.contact] * 2, s.pair.bcs
     ),
-    "contacts: entry 0 is part of another problem": lambda s, folder: in_two_problems(s.pair),
+    "contacts: contact 0 is part of another problem": lambda s, folder: in_two_problems(s.pair),
     "contacts: must agree on whether u[0] is a velocity, and on dt": (
         lambda s, folder: displacement_and_velocity(s.case)
     ),

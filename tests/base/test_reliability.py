@@ -259,16 +259,13 @@ def test_penalty_that_was_set_is_restored(tmp_path_factory):
 # --- Programs
 
 
-def start(name, folder, ranks=1, by_mpi4py=False):
+def start(name, folder, ranks=1):
     """Start one of the programs, that can be killed with all its children."""
-    module = ["-m", "mpi4py"] if by_mpi4py else []  # ends all ranks with the first that fails
-    command = [sys.executable, *module, str(PROGRAMS), name, str(folder)]
+    command = [sys.executable, str(PROGRAMS), name, str(folder)]
     if ranks > 1:
         command = ["mpirun", "-n", str(ranks), *command]
     mpi = "PMIX_", "OMPI_COMM_", "OMPI_UNIVERSE_", "PMI_"
-    # mpi4py puts the program's folder in the place of the first path that is searched.
-    safe = ("PYTHONSAFEPATH",) if by_mpi4py else ()
-    environment = {k: v for k, v in os.environ.items() if not k.startswith((*mpi, *safe))}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(mpi)}
     return subprocess.Popen(
         command,
         env=environment,
@@ -308,15 +305,15 @@ def finish(process, until=None, then=None):
     return code, text
 
 
-def run(name, folder, ranks=1, by_mpi4py=False):
-    return finish(start(name, folder, ranks, by_mpi4py))
+def run(name, folder, ranks=1):
+    return finish(start(name, folder, ranks))
 
 
 @alone
 @pytest.mark.parametrize("ranks", RANKS)
 def test_exception_that_nobody_catches(tmp_path, ranks):
     """Of one rank's ``drive``: all ranks end with it."""
-    code, text = run("thrown", tmp_path, ranks, by_mpi4py=True)
+    code, text = run("thrown", tmp_path, ranks)
     assert code == 1, text
     assert text.count("KeyError: 'load table'") >= 1, text
 
@@ -331,9 +328,10 @@ def test_exception_that_nobody_catches(tmp_path, ranks):
     ],
 )
 def test_no_communicator_on_one_rank(tmp_path, name, ranks):
-    """A rank that cannot tell the others raises alone; mpi4py then ends all."""
-    code, text = run(name, tmp_path, ranks, by_mpi4py=True)
+    """A rank that cannot tell the others raises alone, and that ends all."""
+    code, text = run(name, tmp_path, ranks)
     assert code == 1 and "TypeError: " in text and "must be" in text, text
+    assert ranks == 1 or "rank 1 has failed alone: ending all" in text, text
 
 
 @alone

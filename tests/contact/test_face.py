@@ -10,7 +10,7 @@ from scenes import WORLD, Pair, box, elastic, plane, vector_space
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx.contact.moved import _MOVED
+from qsdolfinx.contact.moved import MOVED
 
 
 @pytest.mark.parallel
@@ -42,7 +42,7 @@ def test_completion():
 def test_names_of_before():
     """Still there, with a warning that says where it is now; others are none."""
     contact = Pair("quadrilateral", law=qs.Unilateral()).contact
-    for name, (place, _) in _MOVED.items():
+    for name, (place, _) in MOVED.items():
         if name in ("eps", "tangential_penalty"):  # not known before a solve, or without friction
             continue
         if name in type(contact).__dict__:  # which contacts and settings have both
