@@ -129,6 +129,7 @@ class OneNewton:
     def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
         """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
 
+        Residuals of before were those of the areas at their iterates, and so is the one there.
         Collective.
         """
         residual = self.equations.in_forces(self.equations.residual_of(at))
@@ -137,10 +138,14 @@ class OneNewton:
             return None
         try:
             there = self.equations.evaluate(z + step)
+            if self.equations.measure():
+                there = self.equations.evaluate(z + step)
             if self._merit(there) <= LEFT * self._merit(at):
                 return z + step, there, 1.0
         except NoGapError:
             pass
+        self.equations.evaluate(z)
+        self.equations.measure()
         return None
 
     def _sticking(self, at: State) -> list[bool] | None:
