@@ -65,6 +65,26 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
         warnings.warn(f"{when}: {text}" if when else text, kind, stacklevel=level)
 
 
+def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.Any:
+    """An argument by its name of before, with a warning; or the other, if that is None.
+
+    Args:
+        old: Name of before.
+        new: Name now.
+        given: Value by the old name, None for none.
+        other: Value by the new one, None for none.
+
+    Raises:
+        ValueError: If both are given.
+    """
+    if given is None:
+        return other
+    if other is not None:
+        raise ValueError(f"{old}, {new}: are the same; give {new} alone")
+    warnings.warn(f"{old}= is {new}= now", DeprecationWarning, stacklevel=3)
+    return given
+
+
 class _Terminal(logging.Handler):
     """Prints our warnings where logging has captured them and no other handler shows them."""
 

@@ -14,6 +14,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE
 from qsdolfinx.base.collective import checked
+from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact import motion, multipliers, overclosed
 from qsdolfinx.contact.advice import advise, tell_smoothed
 from qsdolfinx.contact.making import Arguments, choose, make
@@ -90,9 +91,11 @@ class Contact:
             in velocities, whenever contact has paired anew.
         friction_penalty: ε in tangential direction (stress per length); by default that of the
             gaps. Not used by ``qs.Norton``.
-        gap_tolerance: That gap in units of the smallest facet, or less: where it is more than 1e-4
-            of λ/ε, as under small loads, that is the limit; and where a body with held nodes is
-            tied to a much stiffer one, what stands for 1e-5 of the largest λ in that.
+        gap_tolerance: Gap that an augmented Lagrangian may leave, in units of the smallest facet.
+            Where that is more than 1e-4 of λ/ε, as under small loads, this is the limit; where a
+            body with held nodes is tied to a much stiffer one, what stands for 1e-5 of the largest
+            λ in that. With constraints at points it is a limit for what multipliers can close: the
+            mean gaps of nodes. What points within a facet differ by stays, as resolution allows.
         constraints: Where the law is asked for a multiplier. ``"points"``: at each contact
             quadrature point, that of friction too, so that what is open takes nothing from what is
             closed beside it, and at vertices and edges of creases, which are ahead of their facets;
@@ -143,11 +146,11 @@ class Contact:
             elastic die, ``("velocity", "displacement")``.
         dt: Δt, time, if a body has velocities or friction depends on rates, or for the heat of
             friction if the contact in ``mechanics`` has none; :meth:`set_dt` changes it.
-        mechanics: Of scalar fields, the contact of the bodies that they are fields of, on the same
-            facets: the field has its pairs, so that nothing is searched twice, and a conductance
-            its pressures, distances and friction. Where its master is a rigid tool that has a
+        mechanics: For contact of scalar fields: the contact of the bodies, on the same facets. The
+            field has its pairs, so that nothing is searched twice, and a conductance its pressures,
+            distances and friction. Where its master is a rigid tool that has a
             mesh of its own for the field, fields are paired by themselves, where meshes are.
-        of: The name of before of ``mechanics``.
+        of: ``mechanics``, as it was called before.
 
     Surfaces on scalar spaces, such as of temperatures, have no gaps: ``qs.Tied()``, the default,
     makes the field continuous, and ``qs.Conductance(h)`` lets a flux h ⟦T⟧ through. Then λ, of the
@@ -221,7 +224,7 @@ class Contact:
             smoothing,
             unknown,
             dt,
-            mechanics if of is None else of,
+            renamed("of", "mechanics", of, mechanics),
         )
         made = make(choose(given))
         self.model: ContactModel = made.model
@@ -232,10 +235,26 @@ class Contact:
         if made.alike is not None:
             tell_smoothed(self.model, made.alike)
 
+    def __repr__(self) -> str:
+        """Its name, formulation and surfaces."""
+        if "model" not in self.__dict__:
+            return "<Contact>"
+        name = "" if self.name is None else f" {self.name!r}"
+        master = "itself" if self.model.with_itself else type(self.master).__name__
+        return f"<Contact{name}: {self.model.settings.formulation}, with {master}>"
+
+    def __setattr__(self, name: str, value: typing.Any) -> None:
+        """Refuse to set what it was made with, or what is read."""
+        if name not in ("model", "results", "_smoothing"):
+            how = {"penalty": "set_penalty(ε)", "dt": "set_dt(Δt)"}.get(name)
+            remedy = f"call {how}" if how else "make another contact"
+            raise AttributeError(f"contact.{name}: cannot be set; {remedy}")
+        super().__setattr__(name, value)
+
     def __getattr__(self, name: str) -> typing.Any:
         """Any result of :attr:`results`, and what has moved from here, by its name of before."""
         if name.startswith("_") or "results" not in self.__dict__:
-            raise AttributeError(f"Contact has no attribute {name!r}")
+            raise AttributeError(f"Contact has no attribute {name!r}", name=name, obj=self)
         if hasattr(ContactResults, name):
             return getattr(self.results, name)
         return moved(self, name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 
-from qsdolfinx.base.checks import POSITIVE, check, either, instance, one_of
+from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import ChordErrors, chord_errors, smoothed
@@ -39,6 +39,9 @@ from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.surface.itself import boundary_of
 from qsdolfinx.tools.rigid_surface import as_tool
 
+NAME = Kind(
+    "a string that is not empty", lambda x: isinstance(x, str) and bool(x.strip()), TypeError
+)
 SLIDING = ("small", "finite")
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
@@ -122,7 +125,7 @@ def choose(a: Arguments) -> Chosen:
         check_surfaces(a.slave, a.master)
         same(slave="scalar" if a.slave.is_scalar else "vector")
         same(master="the slave" if a.itself else type(a.master).__name__)
-        same(either(instance(str, "a string"), None), name=a.name)
+        same(either(NAME, None), name=a.name)
         same(one_of(FORMULATIONS), formulation=a.formulation)
         if a.enforcement is None:
             a = dataclasses.replace(a, enforcement=default_enforcement(a.formulation, a.law))

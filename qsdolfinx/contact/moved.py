@@ -24,7 +24,7 @@ MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
     "version": ("model.num_pairings", lambda c: c.model.num_pairings),
     "offset": ("model.offset", lambda c: c.model.offset or (None, None)),
     "set_offset": (
-        "qsdolfinx.contact.motion.set_offset",
+        "motion.set_offset(contact.model, …), of qsdolfinx.contact,",
         lambda c: functools.partial(motion.set_offset, c.model),
     ),
     "pairings": ("model.pairings", lambda c: c.model.pairings),
@@ -42,7 +42,8 @@ def moved(contact: typing.Any, name: str) -> typing.Any:
         AttributeError: If there has never been one of this name.
     """
     if name not in MOVED:
-        raise AttributeError(f"Contact has no attribute {name!r}")
+        raise AttributeError(f"Contact has no attribute {name!r}", name=name, obj=contact)
     place, find = MOVED[name]
-    warnings.warn(f"contact.{name} is contact.{place} now", DeprecationWarning, stacklevel=3)
+    place = place if place.startswith("motion.") else f"contact.{place}"
+    warnings.warn(f"contact.{name} is {place} now", DeprecationWarning, stacklevel=3)
     return find(contact)

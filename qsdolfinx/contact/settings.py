@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.laws import Law
 from qsdolfinx.pairing.relief import Side
 
 
@@ -13,8 +15,14 @@ class ContactSettings:
     """Arguments of :class:`qs.Contact`, with what was chosen where they were left open.
 
     Attributes:
+        name: What messages call it.
+        law: From the gap to the multiplier.
+        friction: The law of friction; None without.
+        sliding: ``"small"`` or ``"finite"``.
         formulation: Which surfaces are sampled, and which carry multipliers.
         enforcement: ``"penalty"`` or ``"augmented-lagrangian"``.
+        penalty: ε (stress per length); None until an automatic one has been computed.
+        friction_penalty: ε in tangential direction, as given; None for that of the gaps.
         penalty_source: How ε was chosen, in words.
         gap_tolerance: Gap that multipliers may leave, in units of the smallest facet.
         allowed_gap: The same as a length.
@@ -29,8 +37,14 @@ class ContactSettings:
         dt: Δt (time); None if nothing depends on it.
     """
 
+    name: str | None
+    law: Law
+    friction: Friction | None
+    sliding: str
     formulation: str
     enforcement: str
+    penalty: float | None
+    friction_penalty: float | None
     penalty_source: str
     gap_tolerance: float
     allowed_gap: float
@@ -48,9 +62,16 @@ class ContactSettings:
 def settings_of(model: ContactModel, smoothing: Side | tuple[Side, Side]) -> ContactSettings:
     """Those of a contact as it is now."""
     settings = model.settings
+    friction = model.friction
     return ContactSettings(
+        model.name,
+        model.law,
+        None if friction is None else friction.law,
+        settings.sliding,
         settings.formulation,
         "augmented-lagrangian" if model.augmented else "penalty",
+        model.penalty.value,
+        None if friction is None else friction.given_penalty,
         model.penalty.source,
         settings.gap_tolerance,
         model.allowed_gap,

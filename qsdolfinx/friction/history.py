@@ -49,7 +49,8 @@ class FrictionHistory:
     def __init__(self, friction: Friction, slave: Surface, penalty: float | None) -> None:
         self.law = friction
         self._slave = slave
-        self._penalty = penalty
+        #: ε in tangential direction, as given.
+        self.given_penalty = penalty
         #: Slip until the last step ended, at the nodes of each pass's slave, shape (nodes, gdim).
         self.slipped: list[Array] = []
         #: Largest slip rate (length per time) of the first step in which anything slipped, or of a
@@ -75,7 +76,7 @@ class FrictionHistory:
 
     def penalty(self, eps: float) -> float:
         """ε in tangential direction, that of the gaps being given."""
-        return eps if self._penalty is None else self._penalty
+        return eps if self.given_penalty is None else self.given_penalty
 
     # --- Rates
 

@@ -51,6 +51,8 @@ class Kinematics:
         #: Of the slave and of the master.
         self.unknown: tuple[str, str] = unknowns_of(unknown, rigid_master)
         if "velocity" in self.unknown or rates:
+            why = "dt: must be given: velocities, or friction or its heat, are rates"
+            require(dt is not None, why)
             check(POSITIVE, dt=dt)
         else:
             require(dt is None, f"dt: {_UNUSED}")

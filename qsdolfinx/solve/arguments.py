@@ -60,6 +60,8 @@ class Given(typing.NamedTuple):
 
     def with_lists(self) -> Given:
         """The same with conditions sorted by bodies, and entries for what is left out."""
+        text = f"F: must have one entry for each of the {len(self.u)} bodies in u"
+        require(len(self.F) == len(self.u), text)
         J = [None for _ in self.u] if self.J is None else self.J
         if self.bcs is None:
             return self._replace(bcs=[[] for _ in self.u], J=J)
@@ -72,7 +74,7 @@ def _by_body(
 ) -> list[list[fem.DirichletBC]]:
     """Conditions of one list, sorted by the bodies on whose spaces they are."""
     out: list[list[fem.DirichletBC]] = [[] for _ in u]
-    text = "bcs: must be dolfinx.fem.DirichletBC, or a list of them for each body in u"
+    text = "bcs: must be one list of dolfinx.fem.DirichletBC, or a list for each body, not both"
     require(_all(fem.DirichletBC, bcs), text, TypeError)
     require(_all(fem.Function, u), "u: must hold a dolfinx.fem.Function for each body", TypeError)
     for i, bc in enumerate(bcs):
@@ -101,14 +103,17 @@ def check_bodies(
         text = f"{name}: must have one entry for each of the {len(u)} bodies in u"
         require(len(given) == len(u), text)
     require(_all(fem.Function, u), "u: must hold a dolfinx.fem.Function for each body", TypeError)
-    text = "bcs: must be a list of lists, one list of Dirichlet conditions per body"
+    text = "bcs: must be a list of Dirichlet conditions, or such a list for each body"
     require(_all(typing.Sequence, bcs), text)
     conditions = [bc for entry in bcs for bc in entry]
-    text = "bcs: must be a list of lists of dolfinx.fem.DirichletBC"
+    text = "bcs: must be a list of dolfinx.fem.DirichletBC, or such a list for each body"
     require(_all(fem.DirichletBC, conditions), text, TypeError)
     require(_all(Contact, contacts), "contacts: must be a list of qsdolfinx.Contact")
     twice = len({id(contact) for contact in contacts}) < len(contacts)
     require(not twice, "contacts: one of them is in the list twice")
+    names = [contact.name for contact in contacts if contact.name is not None]
+    alike = sorted({name for name in names if names.count(name) > 1})
+    require(not alike, f"contacts: several are called {', '.join(map(repr, alike))}")
     spaces = [function.function_space for function in u]
     shared = any(V == W for i, V in enumerate(spaces) for W in spaces[:i])
     require(not shared, "u: every body needs a function space of its own")

@@ -19,7 +19,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked, is_of_all
-from qsdolfinx.base.messages import say
+from qsdolfinx.base.messages import renamed, say
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
@@ -105,8 +105,8 @@ class ContactProblem:
             ``"python"``, or one of ``"ngmres"``, ``"anderson"``, ``"nrichardson"`` and ``"qn"``
             with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
-        linear_solver: ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where the tangent is
-            not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
+        linear_solver: By default ``"auto"``; ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where
+            the tangent is not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
             moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
             the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
             velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
@@ -124,7 +124,7 @@ class ContactProblem:
             on another mesh, such as a sub-mesh of the body's.
         verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
             prints as long as logging has no handlers).
-        solver: The name of before of ``linear_solver``.
+        solver: ``linear_solver``, as it was called before.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
@@ -153,7 +153,7 @@ class ContactProblem:
         petsc_options_prefix: str | None = None,
         petsc_options: dict[str, typing.Any] | None = None,
         kind: str | None = None,
-        linear_solver: str = "auto",
+        linear_solver: str | None = None,
         pressure_preconditioner: Forms = None,
         stabilisation: Stabilisation | None = None,
         form_compiler_options: dict[str, typing.Any] | None = None,
@@ -162,7 +162,7 @@ class ContactProblem:
         verbose: bool = False,
         solver: str | None = None,
     ) -> None:
-        linear_solver = linear_solver if solver is None else solver
+        linear_solver = renamed("solver", "linear_solver", solver, linear_solver) or "auto"
         self._is_single = isinstance(u, fem.Function)
         given = Given.from_arguments(F, u, contacts, bcs, J)
         with checked(communicator(given.u)) as same:

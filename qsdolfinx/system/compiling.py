@@ -26,9 +26,15 @@ class Compiling:
 
     def form(self, form: ufl.Form) -> fem.Form:
         """The compiled form. Collective."""
-        return fem.form(
-            form,
-            form_compiler_options=self.form_compiler_options,
-            jit_options=self.jit_options,
-            entity_maps=self.entity_maps,
-        )
+        try:
+            return fem.form(
+                form,
+                form_compiler_options=self.form_compiler_options,
+                jit_options=self.jit_options,
+                entity_maps=self.entity_maps,
+            )
+        except (TypeError, AttributeError) as error:
+            if self == Compiling():
+                raise
+            names = "form_compiler_options, jit_options, entity_maps"
+            raise TypeError(f"{names}: one of them does not suit DOLFINx: {error}") from error

@@ -47,7 +47,8 @@ def test_names_of_before():
             continue
         if name in type(contact).__dict__:  # which contacts and settings have both
             continue
-        text = re.escape(f"contact.{name} is contact.{place} now")
+        place = place if place.startswith("motion.") else f"contact.{place}"
+        text = re.escape(f"contact.{name} is {place} now")
         with pytest.warns(DeprecationWarning, match=text):
             getattr(contact, name)
     with pytest.raises(AttributeError, match="Contact has no attribute 'forces'"):
@@ -60,7 +61,7 @@ def test_arguments_by_name():
     pair = Pair("quadrilateral")
     with pytest.raises(TypeError, match="positional"):
         qs.Contact(pair.slave, pair.master, "master-slave")
-    with pytest.raises(TypeError, match="name: must be a string"):
+    with pytest.raises(TypeError, match="name: must be a string that is not empty"):
         qs.Contact(pair.slave, pair.master, name=3)
 
 
@@ -95,3 +96,14 @@ def test_name_and_step_in_messages():
         texts
     )
     assert contact.name == "glue"
+
+
+def test_what_cannot_be_set():
+    """Nothing is set without an effect; what can be changed has a method, which is named."""
+    contact = Pair("quadrilateral").contact
+    with pytest.raises(AttributeError, match=re.escape("cannot be set; call set_penalty(ε)")):
+        contact.penalty = 3.0
+    with pytest.raises(AttributeError, match="formulation: cannot be set; make another contact"):
+        contact.formulation = "master-slave"
+    assert repr(contact) == "<Contact: quasi-symmetric, with Surface>"
+    assert contact.settings.sliding == "small" and contact.settings.penalty == 30.0

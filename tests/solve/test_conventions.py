@@ -58,7 +58,7 @@ def test_conditions_that_fit_nowhere():
     pair, other = Pair("quadrilateral"), Pair("quadrilateral")
     with pytest.raises(ValueError, match="bcs: entry 0 is on the space of none of u"):
         qs.ContactProblem(pair.F, pair.u, [pair.contact], other.bcs[0])
-    with pytest.raises(TypeError, match=r"bcs: must be dolfinx.*, or a list"):
+    with pytest.raises(TypeError, match=r"bcs: must be one list of .*, not both"):
         qs.ContactProblem(pair.F, pair.u, [pair.contact], [*pair.bcs[0], pair.bcs[1]])
 
 
@@ -88,3 +88,23 @@ def test_coefficients_on_a_mesh_of_some_cells():
     bc = clamp(V, plane(msh, 1, 1.0), [0.0, -0.1])
     qs.ContactProblem(F, u, contact, [bc], entity_maps=[entity_map]).solve()
     np.testing.assert_allclose(contact.force("slave"), [0, 1.0], atol=1e-8)
+
+
+@pytest.mark.parallel
+def test_names_of_before():
+    """``solver=`` is ``linear_solver=``; both are refused, and contacts of one name."""
+    pair = Pair("quadrilateral")
+    given = pair.F, pair.u, [pair.contact], pair.bcs
+    with pytest.warns(DeprecationWarning, match="solver= is linear_solver= now"):
+        assert qs.ContactProblem(*given, solver="direct").linear_solver == "direct"
+    with pytest.raises(ValueError, match="solver, linear_solver: are the same"):
+        qs.ContactProblem(*given, solver="direct", linear_solver="amg")
+    two = [qs.Contact(pair.slave, pair.master, name="pad") for _ in range(2)]
+    with pytest.raises(ValueError, match="contacts: several are called 'pad'"):
+        qs.ContactProblem(pair.F, pair.u, two, pair.bcs)
+
+
+def test_options_that_do_not_suit():
+    """DOLFINx' error, with the arguments that it may be of."""
+    with pytest.raises(TypeError, match="jit_options, entity_maps: one of them does not suit"):
+        Pressed(jit_options={"no such option": 1})
