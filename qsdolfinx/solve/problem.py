@@ -106,12 +106,12 @@ class ContactProblem:
             with ``npc_snes_type`` ``"newtonls"``.
         kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
         linear_solver: By default ``"auto"``; ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where
-            the tangent is not symmetric, with algebraic multigrid; wants an augmented Lagrangian or another
-            moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's block of
-            the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with multigrid for
-            velocities and displacements, and pressure mass matrices), or ``"auto"``: direct unless
-            the problem is large, which is logged once a process; none of these if there is an
-            option ``ksp_type`` or ``pc_type``.
+            the tangent is not symmetric, with algebraic multigrid; wants an augmented Lagrangian or
+            another moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's
+            block of the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with
+            multigrid for velocities and displacements, and pressure mass matrices), or ``"auto"``:
+            direct unless the problem is large, which is logged once a process; none of these if
+            there is an option ``ksp_type`` or ``pc_type``.
         pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
             that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
             sign. By default it is found from the tangent, at the viscosity of each iterate. Not

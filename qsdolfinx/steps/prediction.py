@@ -39,7 +39,8 @@ def part_of_rates(
     loads begins, and ends, in the equilibrium that there is.
 
     Tools act on bodies by contact alone, so that the part of their own motion counts if it is more.
-    Bodies in velocities, and tools that a force drives, go on as before.
+    Bodies in velocities, and tools that a force drives, go on as before; and so do all bodies where
+    a contact has small sliding, which pairs where the last velocities lead to.
 
     Args:
         problem: The problem, after the loads of the step have been set.
@@ -50,6 +51,8 @@ def part_of_rates(
         dt: Δt of the step.
     """
     if any(in_velocity) or any(tool.driven is not None for tool in tools):
+        return 1.0
+    if not all(contact.follows for contact in problem.system.contacts):
         return 1.0
     largest = max((float(np.abs(v).max(initial=0.0)) for v in rates), default=0.0)
     if problem.comm.allreduce(largest, op=MPI.MAX) == 0.0:

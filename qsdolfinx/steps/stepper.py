@@ -44,7 +44,7 @@ from qsdolfinx.steps.scene import Scene
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.step_log import ACCEPTED, CUT_BACK, FAILED, Attempt, StepLog, reason_of
-from qsdolfinx.steps.tool_motion import ToolRate, rests
+from qsdolfinx.steps.tool_motion import ToolRate
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
@@ -531,9 +531,7 @@ class TimeStepper:
             self.problem, self.in_velocity, self.rates, self.tools, self.tool_rates, dt
         )
         rates = self.rates if part == 1 else [part * rate for rate in self.rates]
-        both = zip(self.tools, self.tool_rates, strict=True)
-        tool_rates = [ToolRate.zero(tool) if rests(tool) else rate for tool, rate in both]
-        pairings.begin(dt, start, rates, tool_rates)
+        pairings.begin(dt, start, rates, self.tool_rates)
         # A failed attempt may have left nodes unpaired, and so forgotten their multipliers.
         start.restore_multipliers()
         self._run_solver()

@@ -52,11 +52,6 @@ class ToolRate(typing.NamedTuple):
         tool.go_ahead(displacement, rotation)
 
 
-def rests(tool: RigidSurface) -> bool:
-    """Whether a tool has no motion in the step: contact finds it where it is."""
-    return tool.driven is None and not np.any([*tool.displacement, *tool.rotation])
-
-
 def left_until(tool: RigidSurface, before: Pose, part: float) -> tuple[Array, Array]:
     """Displacement and rotation that bring a tool to a part of its step.
 
