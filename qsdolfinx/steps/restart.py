@@ -56,6 +56,7 @@ def save_run(
     state["tool_rates"] = [[x.tolist() for x in rate] for rate in stepper.tool_rates]
     models = [contact.model for contact in stepper.problem.contacts]
     state["contacts"] = [{q.name: q.read() for q in memory.of_contact(m)} for m in models]
+    state["kinds"] = [_kind(model) for model in models]
     state["laws"] = [sorted(model.law.memory) for model in models]
     state["log"] = stepper.log.stored()
     state["user"] = dict(values or {})
@@ -125,6 +126,9 @@ def load_run(
     for name, mine in (("positions", stepper.tools), ("contacts", models)):
         as_many = len(values.get(name, ())) == len(mine)
         require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
+    for i, (saved, mine) in enumerate(zip(values["kinds"], map(_kind, models), strict=True)):
+        name, text = models[i].called(i), f"{saved} in the checkpoint {folder}, not {mine}"
+        require(saved == mine, f"stepper: {name} is {text}")
     laws = [sorted(model.law.memory) for model in models]
     text = f"stepper: the laws of the checkpoint {folder} remember {values['laws']}, not {laws}"
     require(values["laws"] == laws, text)
@@ -196,6 +200,12 @@ def _functions(
 
 def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.float64]]]:
     return {f"x_{i}": (m.mesh, m.reference.copy()) for i, m in enumerate(stepper.motions)}
+
+
+def _kind(model: ContactModel) -> str:
+    """What a contact keeps, in words: of another kind it would be something else."""
+    friction = "without friction" if model.friction is None else "with friction"
+    return f"{model.settings.formulation} {friction}"
 
 
 def _of_nodes(models: typing.Sequence[ContactModel]) -> dict[str, fem.Function]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from contact.bond import Bond
 from rigid_scenes import Pressed, flat
-from scenes import WORLD, largest, raises_everywhere
+from scenes import WORLD, Pair, largest, raises_everywhere
 
 import qsdolfinx as qs
 from qsdolfinx.contact import memory
@@ -126,6 +126,29 @@ def test_checkpoint_of_another_law(tmp_path):
         other = folder / f"{1 - i}"
         raises_everywhere(
             WORLD, ValueError, "remember", lambda s=stepper, f=other: qs.load_run(s, f)
+        )
+
+
+def test_checkpoint_of_another_kind_of_contact(tmp_path):
+    """Of another formulation, or with friction: refused by the contact's name."""
+    folder = WORLD.bcast(tmp_path)
+    steppers = []
+    for options in ({}, {"friction": qs.Coulomb(0.1)}, {"formulation": "master-slave"}):
+        pair = Pair("quadrilateral", penalty="auto", contact_options={"name": "joint"})
+        contact = qs.Contact(pair.slave, pair.master, name="joint", **options)
+        problem = qs.ContactProblem(pair.F, pair.u, [contact], pair.bcs)
+        steppers.append(qs.TimeStepper(problem, 1.0))
+    steppers[0].step()
+    qs.save_run(steppers[0], folder / "run")
+    for stepper, text in zip(
+        steppers[1:], ("not quasi-symmetric with", "not master-"), strict=True
+    ):
+        raises_everywhere(WORLD, ValueError, text, lambda s=stepper: qs.load_run(s, folder / "run"))
+        raises_everywhere(
+            WORLD,
+            ValueError,
+            "contact 'joint' is",
+            lambda s=stepper: qs.load_run(s, folder / "run"),
         )
 
 
