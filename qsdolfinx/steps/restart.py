@@ -126,9 +126,9 @@ def load_run(
     for name, mine in (("positions", stepper.tools), ("contacts", models)):
         as_many = len(values.get(name, ())) == len(mine)
         require(as_many, f"stepper: the checkpoint {folder} is of other contacts or tools")
-    for i, (saved, mine) in enumerate(zip(values["kinds"], map(_kind, models), strict=True)):
-        name, text = models[i].called(i), f"{saved} in the checkpoint {folder}, not {mine}"
-        require(saved == mine, f"stepper: {name} is {text}")
+    for i, (saved, model) in enumerate(zip(values["kinds"], models, strict=True)):
+        text = f"{saved} in the checkpoint {folder}, not {_kind(model)}"
+        require(saved == _kind(model), f"stepper: {model.called(i)} is {text}")
     laws = [sorted(model.law.memory) for model in models]
     text = f"stepper: the laws of the checkpoint {folder} remember {values['laws']}, not {laws}"
     require(values["laws"] == laws, text)
