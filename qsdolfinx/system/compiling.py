@@ -33,8 +33,10 @@ class Compiling:
                 jit_options=self.jit_options,
                 entity_maps=self.entity_maps,
             )
-        except (TypeError, AttributeError) as error:
+        except (TypeError, AttributeError, RuntimeError) as error:
             if self == Compiling():
                 raise
+            # On several ranks DOLFINx makes a RuntimeError of whatever the first one raises.
+            kind = RuntimeError if isinstance(error, RuntimeError) else TypeError
             names = "form_compiler_options, jit_options, entity_maps"
-            raise TypeError(f"{names}: one of them does not suit DOLFINx: {error}") from error
+            raise kind(f"{names}: one of them does not suit DOLFINx: {error}") from error
