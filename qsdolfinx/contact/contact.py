@@ -12,11 +12,12 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.base.checks import POSITIVE
+from qsdolfinx.base.checks import POSITIVE, check
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact import motion, multipliers, overclosed
 from qsdolfinx.contact.advice import advise, tell_smoothed
+from qsdolfinx.contact.arguments import SLAVE
 from qsdolfinx.contact.making import Arguments, choose, make
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.moved import moved
@@ -203,6 +204,9 @@ class Contact:
         mechanics: Contact | None = None,
         of: Contact | None = None,
     ) -> None:
+        check(SLAVE, slave=slave)
+        with checked(slave.comm):
+            mechanics = renamed("of", "mechanics", of, mechanics)
         given = Arguments(
             slave,
             master,
@@ -224,7 +228,7 @@ class Contact:
             smoothing,
             unknown,
             dt,
-            renamed("of", "mechanics", of, mechanics),
+            mechanics,
         )
         made = make(choose(given))
         self.model: ContactModel = made.model

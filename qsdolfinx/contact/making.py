@@ -10,7 +10,6 @@ from qsdolfinx.base.collective import checked
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import ChordErrors, chord_errors, smoothed
 from qsdolfinx.contact.arguments import (
-    SLAVE,
     Given,
     check_constraints,
     check_field,
@@ -118,7 +117,6 @@ def choose(a: Arguments) -> Chosen:
     Raises:
         ValueError, TypeError: See :class:`qs.Contact`; the same on all ranks.
     """
-    check(SLAVE, slave=a.slave)
     if a.law is None:
         a = dataclasses.replace(a, law=Tied() if a.slave.is_scalar else Unilateral())
     with checked(a.slave.comm) as same:

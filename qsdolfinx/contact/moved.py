@@ -15,7 +15,7 @@ MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
     "augmented": ("settings.enforcement", lambda c: c.model.augmented),
     "overclosure": ("settings.initial_overclosure", lambda c: c.model.overclosure),
     "energy": ("stored_energy()", lambda c: c.stored_energy()),
-    "eps": ("penalty", lambda c: c.model.eps if c.model.augmented else c.model.penalty.eps),
+    "eps": ("model.eps", lambda c: c.model.eps if c.model.augmented else c.model.penalty.eps),
     "tangential_penalty": ("model.tangential_eps", lambda c: c.model.tangential_eps),
     "has_automatic_penalty": ("model.penalty.automatic", lambda c: c.model.penalty.automatic),
     "stiffness": ("model.penalty.stiffness", lambda c: c.model.penalty.stiffness),

@@ -162,10 +162,10 @@ class ContactProblem:
         verbose: bool = False,
         solver: str | None = None,
     ) -> None:
-        linear_solver = renamed("solver", "linear_solver", solver, linear_solver) or "auto"
         self._is_single = isinstance(u, fem.Function)
         given = Given.from_arguments(F, u, contacts, bcs, J)
         with checked(communicator(given.u)) as same:
+            linear_solver = renamed("solver", "linear_solver", solver, linear_solver) or "auto"
             check(LIST, F=given.F, u=given.u, contacts=given.contacts)
             check(either(LIST, None), bcs=given.bcs, J=given.J)
             given = given.with_lists()

@@ -40,7 +40,8 @@ def part_of_rates(
 
     Tools act on bodies by contact alone, so that the part of their own motion counts if it is more.
     Bodies in velocities, and tools that a force drives, go on as before; and so do all bodies where
-    a contact has small sliding, which pairs where the last velocities lead to.
+    a contact does not follow them: small sliding, which pairs where the last velocities lead to,
+    ties and scalar fields.
 
     Args:
         problem: The problem, after the loads of the step have been set.
