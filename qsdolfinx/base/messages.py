@@ -57,12 +57,17 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
         text: What is wrong and what to do.
         kind: Class of the warning.
     """
-    level, frame = 1, inspect.currentframe()
-    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
-        level, frame = level + 1, frame.f_back
     when = _when.get()
     with _shown():
-        warnings.warn(f"{when}: {text}" if when else text, kind, stacklevel=level)
+        warnings.warn(f"{when}: {text}" if when else text, kind, stacklevel=_level())
+
+
+def _level() -> int:
+    """Stack level, seen from whoever calls this, of the line that has called the package."""
+    level, frame = 0, inspect.currentframe()
+    while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    return level
 
 
 def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.Any:
@@ -81,7 +86,7 @@ def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.
         return other
     if other is not None:
         raise ValueError(f"{old}, {new}: are the same; give {new} alone")
-    warnings.warn(f"{old}= is {new}= now", DeprecationWarning, stacklevel=3)
+    warnings.warn(f"{old}= is {new}= now", DeprecationWarning, stacklevel=_level())
     return given
 
 

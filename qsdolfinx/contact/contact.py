@@ -205,8 +205,6 @@ class Contact:
         of: Contact | None = None,
     ) -> None:
         check(SLAVE, slave=slave)
-        with checked(slave.comm):
-            mechanics = renamed("of", "mechanics", of, mechanics)
         given = Arguments(
             slave,
             master,
@@ -229,6 +227,7 @@ class Contact:
             unknown,
             dt,
             mechanics,
+            of,
         )
         made = make(choose(given))
         self.model: ContactModel = made.model

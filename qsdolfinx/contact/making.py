@@ -7,6 +7,7 @@ import typing
 
 from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
+from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import ChordErrors, chord_errors, smoothed
 from qsdolfinx.contact.arguments import (
@@ -71,6 +72,7 @@ class Arguments:
     unknown: typing.Any
     dt: typing.Any
     mechanics: typing.Any
+    of: typing.Any
 
     @property
     def itself(self) -> bool:
@@ -120,6 +122,7 @@ def choose(a: Arguments) -> Chosen:
     if a.law is None:
         a = dataclasses.replace(a, law=Tied() if a.slave.is_scalar else Unilateral())
     with checked(a.slave.comm) as same:
+        a = dataclasses.replace(a, mechanics=renamed("of", "mechanics", a.of, a.mechanics))
         check_surfaces(a.slave, a.master)
         same(slave="scalar" if a.slave.is_scalar else "vector")
         same(master="the slave" if a.itself else type(a.master).__name__)
