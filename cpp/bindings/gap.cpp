@@ -27,12 +27,12 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def(
           "__init__",
           [](FunctionsOfPieces* self, const Pieces& pieces, Handle field, In<double> rest,
-             In<double> at_rim, std::array<Handle, 2> markers)
+             bool moves, std::array<Handle, 2> markers, In<double> turning, std::size_t component)
           {
-            new (self) FunctionsOfPieces(pieces, reinterpret_cast<Vec>(field), rest.view(),
-                                         at_rim.view(), vecs(markers[0], markers[1]));
+            new (self) FunctionsOfPieces(pieces, reinterpret_cast<Vec>(field), rest.view(), moves,
+                                         vecs(markers[0], markers[1]), turning.view(), component);
           },
-          "pieces"_a, "field"_a, "rest"_a, "at_rim"_a, "markers"_a,
+          "pieces"_a, "field"_a, "rest"_a, "moves"_a, "markers"_a, "turning"_a, "component"_a,
           "Of a field of the sides of the slave's nodes, and numbers at the points; collective.")
       .def(
           "entries",
@@ -107,6 +107,22 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
           "weight"_a,
           "Derivative of slip at these points, or what tractions work on there; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             const SlipOfPieces& slip, In<double> leaning, In<double> weight)
+          {
+            new (self) GapOperator(slave, master, pieces,
+                                   slip.moving_gradient(pieces, leaning.view()), weight.view());
+          },
+          "slave"_a, "master"_a.none(), "moving"_a, "slip"_a, nb::kw_only(), "leaning"_a,
+          "weight"_a, "The former with what points move by; see gap/point_rows.h; collective.")
+      .def(
+          "__init__",
+          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+             In<double> weight) { new (self) GapOperator(slave, master, pieces, weight.view()); },
+          "slave"_a, "master"_a.none(), "moving"_a, nb::kw_only(), "weight"_a,
+          "Derivative of gaps with what points move by; see gap/gap.h; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,

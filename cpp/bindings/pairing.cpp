@@ -218,20 +218,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },
           "Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex].")
       .def(
-          "rim_gaps",
-          [](const Pieces& p)
-          {
-            std::vector<double> out;
-            for (const RimPoint& at : p.rim)
-              out.push_back(at.point.t);
-            return copy(std::move(out), {p.rim.size()});
-          },
-          "The same of the points of the rim.")
-      .def(
-          "rim_values", [](const Pieces& p, Handle values)
-          { return copy(values_at_rim(p, reinterpret_cast<Vec>(values)), {p.rim.size()}); },
-          "values"_a, "Values of a field of the sides of the slave's nodes there; collective.")
-      .def(
           "functions",
           [](const Pieces& p)
           {

@@ -156,9 +156,9 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const RayPair pair = make_pair(cut, other, cut_is_slave);
         const std::size_t n = points.points.size(), nodes = pair.num_nodes();
         std::vector<double> slip(3 * n), normal(3 * n), gradient(9 * n * nodes),
-            works(9 * n * nodes), arc(n), gap(n);
+            works(9 * n * nodes), slope(6 * n), arc(n), gap(n);
         slip_of_points(pair, {cut_start.view(), other_start.view()}, points.points,
-                       {slip, normal, gradient, works, arc, gap});
+                       {slip, normal, gradient, works, slope, arc, gap});
         return std::tuple(copy(std::move(slip), {n, 3}), copy(std::move(normal), {n, 3}),
                           copy(std::move(gradient), {n, nodes, 3, 3}),
                           copy(std::move(works), {n, nodes, 3, 3}));

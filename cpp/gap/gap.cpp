@@ -168,6 +168,14 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
 }
 
 GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+                         std::span<const double> weight)
+    : GapOperator(master, pieces, GapKind::normal, weight)
+{
+  rows_of_pieces(used_sides(), pieces, weight.size(), 3, moving_gap_gradients_of(pieces));
+  build_scatters(slave, master);
+}
+
+GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
                          const FunctionsOfPieces& functions, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {

@@ -62,6 +62,9 @@ public:
   /// x_slave − x_master at the same rows, with places on the facets that stay. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               std::span<const std::int64_t> alone, std::span<const double> weight);
+  /// Derivative of the gaps with what points move by on the facets, at the same rows. Collective.
+  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+              std::span<const double> weight);
   /// Of other gradients at the same rows, see point_rows.h. Collective.
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
               const FunctionsOfPieces& functions, std::span<const double> weight);

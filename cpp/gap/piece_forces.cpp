@@ -96,21 +96,3 @@ std::vector<std::int64_t> qsdolfinx::side_dofs(const Pieces& pieces)
     out[i] = pieces.slave.dofs[((i / n) * width + i % n) * d + pieces.multiplier_side[i]];
   return out;
 }
-
-std::vector<double> qsdolfinx::values_at_rim(const Pieces& pieces, Vec values)
-{
-  const std::vector<double> v = values_at(values, side_dofs(pieces));
-  const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
-  std::vector<double> out;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-    for (const RimPoint& at : pieces.rim_of(i))
-    {
-      const auto N = shape_functions(pieces.slave.type,
-                                     pieces.cut_is_slave[i] ? at.point.xi : at.point.zeta);
-      double sum = 0;
-      for (std::size_t k = 0; k < nk; ++k)
-        sum += N[k] * v[i * nk + k];
-      out.push_back(sum);
-    }
-  return out;
-}

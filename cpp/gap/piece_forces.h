@@ -26,8 +26,4 @@ std::vector<double> cover_of(const Pieces& pieces);
 /// Unknowns that stand for the smooth sides of the nodes with multipliers, [piece][multiplier].
 std::vector<std::int64_t> side_dofs(const Pieces& pieces);
 
-/// Values Σ_k N_k v_k at the points of the rim, [point]. Collective. @param values v_k at the
-/// unknowns that stand for the sides of nodes, a vector of the slave's body
-std::vector<double> values_at_rim(const Pieces& pieces, Vec values);
-
 } // namespace qsdolfinx

@@ -341,6 +341,27 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
   };
 }
 
+OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
+{
+  const std::vector<double>& motions = motions_of(pieces);
+  return [&pieces, &motions, fixed = gap_gradients_of(pieces), out = std::vector<double>(),
+          slopes = std::vector<double>()](std::size_t i) mutable
+  {
+    const auto own = fixed(i);
+    const auto points = pieces.points_of(i);
+    const std::size_t first = i > 0 ? pieces.end[i - 1] : 0,
+                      size = own.size() / std::max<std::size_t>(points.size(), 1);
+    out.assign(own.begin(), own.end());
+    slopes.resize(2 * points.size());
+    gap_slopes(pair_of(pieces, i), points, slopes);
+    for (std::size_t p = 0; p < points.size(); ++p)
+      for (std::size_t a = 0; a < 2; ++a)
+        for (std::size_t c = 0; c < size; ++c)
+          out[p * size + c] += slopes[2 * p + a] * motions[((first + p) * 3 + a) * size + c];
+    return std::span<const double>(out);
+  };
+}
+
 OfPiece qsdolfinx::jumps_of(const Pieces& pieces)
 {
   return [&pieces, values = std::vector<double>()](std::size_t i) mutable
@@ -373,10 +394,12 @@ OfPiece qsdolfinx::parts_of(const Pieces& pieces, std::span<const double> values
 }
 
 FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                                     std::span<const double> at_rim, std::array<Vec, 2> markers)
+                                     bool moves, std::array<Vec, 2> markers,
+                                     std::span<const double> turning, std::size_t component)
 {
-  if (rest.size() < pieces.points.size() || at_rim.size() != pieces.rim.size())
-    throw std::invalid_argument("a number for each point, and for each one of the rim");
+  if (rest.size() < pieces.points.size()
+      || (!turning.empty() && turning.size() < 3 * pieces.points.size()))
+    throw std::invalid_argument("a number for each point");
   const auto d = static_cast<std::size_t>(pieces.gdim),
              nk = static_cast<std::size_t>(pieces.num_multipliers),
              ns = static_cast<std::size_t>(pieces.slave.num_nodes),
@@ -389,40 +412,49 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
     if (markers[s])
       held[s] = values_at(markers[s], sides[s]->dofs);
   gradient.resize(pieces.points.size() * size);
-  std::vector<double> functions, motions, sum(nk * size);
-  std::size_t done = 0, done_of_rim = 0;
+  std::vector<double> functions, slopes, sum(nk * size), turn(turning.empty() ? 0 : 3 * size);
+  std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto points = pieces.points_of(i);
-    const auto rim = pieces.rim_of(i);
-    const auto of_rim = at_rim.subspan(done_of_rim, rim.size());
     const std::size_t first = done;
     done += points.size();
-    done_of_rim += rim.size();
-    const bool moves = std::ranges::any_of(of_rim, [](double q) { return q != 0; });
-    if (pieces.cut_is_slave[i] && !moves)
+    if (pieces.cut_is_slave[i] && !moves && turning.empty())
       continue;
+    const RayPair pair = pair_of(pieces, i);
+    double across = 0;
+    if (!turning.empty())
+    {
+      normal_gradient(pair, turn);
+      across = normal_of(pair)[component];
+    }
     functions.resize(points.size() * nk * size);
-    function_gradients(pair_of(pieces, i), points, functions);
+    function_gradients(pair, points, functions);
+    slopes.resize(points.size() * nk * 2);
+    if (moves)
+      function_slopes(pair, points, slopes);
     std::ranges::fill(sum, 0.0);
     for (std::size_t p = 0; p < points.size(); ++p)
+    {
+      const double force = points[p].weight * rest[first + p];
+      const double* motion = moves ? &motions_of(pieces)[(first + p) * 3 * size] : nullptr;
+      const auto N
+          = shape_functions(pieces.slave.type, pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta);
       for (std::size_t k = 0; k < nk; ++k)
         for (std::size_t c = 0; c < size; ++c)
         {
-          const double value = functions[(p * nk + k) * size + c];
+          double value = functions[(p * nk + k) * size + c];
+          if (moves)
+          {
+            const double* slope = &slopes[(p * nk + k) * 2];
+            value += slope[0] * motion[c] + slope[1] * motion[size + c];
+            sum[k * size + c] += force * N[k] * motion[2 * size + c];
+          }
           gradient[(first + p) * size + c] += lambda[i * nk + k] * value;
-          sum[k * size + c] += points[p].weight * rest[first + p] * value;
+          sum[k * size + c] += force * value;
+          for (std::size_t r = 0; r < turn.size() / size; ++r)
+            sum[k * size + c] -= points[p].weight * N[k] * across * turning[3 * (first + p) + r] * turn[r * size + c];
         }
-    motions.resize(rim.size() * size);
-    rim_motions(pair_of(pieces, i), rim, motions);
-    for (std::size_t p = 0; moves && p < rim.size(); ++p)
-    {
-      const RayPoint& point = rim[p].point;
-      const auto N
-          = shape_functions(pieces.slave.type, pieces.cut_is_slave[i] ? point.xi : point.zeta);
-      for (std::size_t k = 0; k < nk; ++k)
-        for (std::size_t c = 0; c < size; ++c)
-          sum[k * size + c] += point.weight * of_rim[p] * N[k] * motions[p * size + c];
     }
     for (std::size_t s = 0; s < 2; ++s)
     {
@@ -464,6 +496,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
   normal.resize(3 * n);
   gradient.resize(n * size);
   works.resize(n * size);
+  slope.resize(6 * n);
   arc.resize(n);
   gap.resize(n);
   std::size_t done = 0;
@@ -490,7 +523,36 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
                     std::span(normal).subspan(3 * done, 3 * count),
                     std::span(gradient).subspan(done * size, count * size),
                     std::span(works).subspan(done * size, count * size),
+                    std::span(slope).subspan(6 * done, 6 * count),
                     std::span(arc).subspan(done, count), std::span(gap).subspan(done, count)});
     done += count;
   }
+}
+
+std::vector<double> SlipOfPieces::moving_gradient(const Pieces& pieces,
+                                                  std::span<const double> leaning) const
+{
+  if (leaning.size() < pieces.points.size())
+    throw std::invalid_argument("a number for each point");
+  const std::vector<double>& motions = motions_of(pieces);
+  std::vector<double> out = gradient;
+  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  for (std::size_t p = 0; p < pieces.points.size(); ++p)
+    for (std::size_t a = 0; a < 2; ++a)
+      for (std::size_t j = 0; j < nodes; ++j)
+        for (std::size_t r = 0; r < 3; ++r)
+          for (std::size_t c = 0; c < 3; ++c)
+            out[((p * nodes + j) * 3 + r) * 3 + c]
+                += slope[6 * p + 3 * a + r] * motions[((p * 3 + a) * nodes + j) * 3 + c];
+  std::vector<double> turn(9 * nodes);
+  for (std::size_t i = 0, p = 0; i < pieces.size(); ++i)
+  {
+    normal_gradient(pair_of(pieces, i), turn);
+    for (; p < pieces.end[i]; ++p)
+      for (std::size_t j = 0; j < nodes; ++j)
+        for (std::size_t r = 0; r < 3; ++r)
+          for (std::size_t c = 0; c < 3; ++c)
+            out[((p * nodes + j) * 3 + r) * 3 + c] -= leaning[p] * turn[(r * nodes + j) * 3 + c];
+  }
+  return out;
 }

@@ -30,6 +30,9 @@ OfPiece gap_gradients_of(const Pieces& pieces);
 /// Trace functions, negative for the master, width 1.
 OfPiece jumps_of(const Pieces& pieces);
 
+/// Gradients of the gaps with what points move by, width 3.
+OfPiece moving_gap_gradients_of(const Pieces& pieces);
+
 /// Parts of values that are known, [point][node][width].
 OfPiece parts_of(const Pieces& pieces, std::span<const double> values);
 
@@ -46,31 +49,38 @@ void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
 /// How functions of the slave's vertices move along its facets at the points of pieces.
 struct FunctionsOfPieces
 {
-  /// Gradients of Σ_k λ_k N_k, [point][node][3], the slave's nodes first.
+  /// Gradients of Σ_k λ_k N_k with what points move by, [point][node][3], the slave's nodes first.
   std::vector<double> gradient;
-  /// Σ_p w_p q_p ∂N_k, and what the rim adds by moving: unknown that stands for the side of a node,
-  /// unknown of a body, and value.
+  /// Derivative of Σ_p w_p N_k r_p by the motion of N_k and of points: unknown that stands for the
+  /// side of a node, unknown of a body, and value.
   std::array<std::vector<std::int64_t>, 2> row, column; ///< [side of contact][entry]
   std::array<std::vector<double>, 2> value;
 
-  /// Collective. @param field λ, as of insert_curvature_of_points @param rest q_p, [point]
-  /// @param at_rim the same at the points of the rim
+  /// Collective. @param field λ, a vector of the slave's body
+  /// @param rest r_p, [point], which stays @param moves whether points move
+  /// @param turning vectors of which r_p is a component and that stay in the planes of the facets
+  /// that rays leave, [point][3]; empty if there are none
   /// @param markers vectors of the bodies, nonzero at unknowns with conditions, whose columns are
   /// −1; of a rigid tool null
   FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                    std::span<const double> at_rim, std::array<Vec, 2> markers);
+                    bool moves, std::array<Vec, 2> markers, std::span<const double> turning = {},
+                    std::size_t component = 0);
 };
 
 /// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes
 /// first; [point].
 struct SlipOfPieces
 {
-  std::vector<double> slip, normal, gradient, works, arc, gap;
+  std::vector<double> slip, normal, gradient, works, slope, arc, gap;
 
   /// Collective. @param slave, master places of the bodies' nodes when slip began, vectors of them;
   /// master null for a rigid tool @param of_tool where a place of it was then, rows of an affine
   /// map, [3][4]
   SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
+
+  /// ``gradient`` with what points move by, and of tangential parts of vectors that stay: −l_p δn.
+  /// @param leaning l_p, along the slave's normal, [point]
+  std::vector<double> moving_gradient(const Pieces& pieces, std::span<const double> leaning) const;
 };
 
 } // namespace qsdolfinx

@@ -1,6 +1,7 @@
 #include "geometry/planar.h"
 
 #include <algorithm>
+#include <numeric>
 
 using namespace qsdolfinx;
 
@@ -139,32 +140,57 @@ Frame::Frame(FacetType type, std::span<const double> v)
 
 Vec2 Frame::project(const Vec3& x) const { return {dot(e0, x - origin), dot(e1, x - origin)}; }
 
-void qsdolfinx::append_points_of_ears(Polygon& p, const Rule& rule, std::vector<Vec2>& x,
-                                      std::vector<double>& w)
+Triangles::Triangles(const Polygon& p, bool from_middle)
 {
+  using Corner = std::uint8_t;
+  around.resize(p.size());
+  std::iota(around.begin(), around.end(), Corner{0});
   if (is_interval(p))
-    return;
-  const double least = ear_area * measure(p);
-  while (p.size() > 3)
   {
-    const std::size_t n = p.size();
-    std::size_t smallest = 0;
-    double area = least;
+    corner.push_back({0, 1, 0});
+    return;
+  }
+  const auto area = [&](Corner a, Corner b, Corner c) { return 0.5 * cross(p[b] - p[a], p[c] - p[a]); };
+  const double least = ear_area * measure(p);
+  while (around.size() > 3)
+  {
+    const std::size_t n = around.size();
+    std::array<Corner, 3> smallest{};
+    double smallest_area = least;
     for (std::size_t k = 0; k < n; ++k)
     {
-      const Vec2 &before = p[(k + n - 1) % n], &after = p[(k + 1) % n];
-      const double ear = 0.5 * cross(p[k] - before, after - before);
-      if (ear < area)
+      const std::array<Corner, 3> ear{around[(k + n - 1) % n], around[k], around[(k + 1) % n]};
+      if (const double a = area(ear[0], ear[1], ear[2]); a < smallest_area)
       {
-        area = ear;
-        smallest = k;
+        smallest_area = a;
+        smallest = ear;
       }
     }
-    if (area >= least)
-      return;
-    append_points(Polygon{p[(smallest + n - 1) % n], p[smallest], p[(smallest + 1) % n]}, rule, x,
-                  w);
-    p.erase(smallest);
+    if (smallest_area >= least)
+      break;
+    if (smallest_area > 0) // else vertices coincide but for rounding
+      corner.push_back(smallest);
+    around.erase(std::ranges::find(around, smallest[1]));
+  }
+  double whole = 0;
+  for (std::size_t k = 1; k + 1 < around.size(); ++k)
+  {
+    const std::array<Corner, 3> part{around[0], around[k], around[k + 1]};
+    const double a = area(part[0], part[1], part[2]);
+    middle = middle + (a / 3) * (p[part[0]] + p[part[1]] + p[part[2]]);
+    whole += a;
+    if (!from_middle && a > 0)
+      corner.push_back(part);
+  }
+  if (whole <= 0)
+    return;
+  middle = (1 / whole) * middle;
+  const auto last = static_cast<Corner>(p.size());
+  for (std::size_t k = 0; from_middle && k < around.size(); ++k)
+  {
+    const Corner b = around[k], c = around[(k + 1) % around.size()];
+    if (cross(p[b] - middle, p[c] - middle) > 0)
+      corner.push_back({last, b, c});
   }
 }
 

@@ -36,11 +36,6 @@ public:
   std::span<const Vec2> corners() const { return std::span(corners_).first(size_); }
   void clear() { size_ = 0; }
   void push_back(const Vec2& q) { corners_.at(size_++) = q; }
-  void erase(std::size_t i)
-  {
-    std::copy(corners_.begin() + i + 1, corners_.begin() + size_, corners_.begin() + i);
-    --size_;
-  }
   void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
   /// Let it begin with the corner that is furthest back along a direction.
   void begin_along(const Vec2& direction)
@@ -90,11 +85,18 @@ struct Rule
 /// Part of a polygon's area below which a corner is an ear.
 inline constexpr double ear_area = 1e-3;
 
-/// Cut off corners that are ears, the smallest first, and append their points to x and w. Where
-/// lines that nearly coincide cross goes along a whole side for little: points elsewhere are not to
-/// follow it.
-void append_points_of_ears(Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
-                           std::vector<double>& w);
+/// A polygon as triangles of its corners, or an interval.
+struct Triangles
+{
+  /// Ears are cut off first, the smallest before others: where lines that nearly coincide cross
+  /// goes along a whole side for little, and points elsewhere are not to follow it.
+  /// @param from_middle whether the rest is a fan around the middle, else from a corner
+  Triangles(const Polygon& polygon, bool from_middle);
+
+  std::vector<std::array<std::uint8_t, 3>> corner; ///< the number past the last one is the middle
+  std::vector<std::uint8_t> around;                ///< corners that are not ears
+  Vec2 middle{0, 0};
+};
 
 /// Quadrature points of a polygon (fan of triangles) or interval, appended; weights are areas.
 void append_points(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,

@@ -165,6 +165,118 @@ double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
          * surface.area_factor(facet_point(surface.type(), v, xi));
 }
 
+/// ∂ ln(stretch)/∂ξ
+std::array<double, 2> growth(const Surface& surface, std::size_t f, std::array<double, 2> xi)
+{
+  const auto v = surface.facet_x(f);
+  std::array<double, 2> out{};
+  if (surface.type() == FacetType::quadrilateral)
+  {
+    const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0, b = facet_vertex(v, 2) - x0,
+               c = facet_vertex(v, 3) - x0 - a - b;
+    const Vec3 s = cross(a + xi[1] * c, b + xi[0] * c);
+    out = {dot(s, cross(a + xi[1] * c, c)) / dot(s, s), dot(s, cross(c, b + xi[0] * c)) / dot(s, s)};
+  }
+  if (surface.axisymmetric())
+    out[0] += (v[3] - v[0]) / facet_point(surface.type(), v, xi)[0];
+  return out;
+}
+
+/// Edges of a facet in the order of its polygon.
+std::span<const std::array<std::int8_t, 2>> sides_of(FacetType type)
+{
+  static constexpr std::array<std::array<std::int8_t, 2>, 3> triangle{{{0, 1}, {1, 2}, {2, 0}}};
+  static constexpr std::array<std::array<std::int8_t, 2>, 4> quadrilateral{
+      {{0, 1}, {1, 3}, {3, 2}, {2, 0}}};
+  if (type == FacetType::triangle)
+    return triangle;
+  if (type == FacetType::quadrilateral)
+    return quadrilateral;
+  return {};
+}
+
+/// A facet in the plane of the one that is cut, vertex by vertex.
+struct Outline
+{
+  Outline(FacetType type, std::span<const double> x, const Frame& frame) : type(type)
+  {
+    for (int i = 0; i < static_cast<int>(type); ++i)
+    {
+      q[i] = frame.project(facet_vertex(x, i));
+      if (type == FacetType::interval)
+        q[i][1] = 0;
+    }
+  }
+
+  /// The vertex at a place.
+  std::optional<std::int8_t> vertex(const Vec2& at, double tolerance) const
+  {
+    for (int i = 0; i < static_cast<int>(type); ++i)
+      if (std::hypot(at[0] - q[i][0], at[1] - q[i][1]) <= tolerance)
+        return static_cast<std::int8_t>(i);
+    return {};
+  }
+
+  /// The edge through a place that crosses a direction most.
+  std::optional<std::array<std::int8_t, 2>> edge(const Vec2& at, const Vec2& direction,
+                                                 double tolerance) const
+  {
+    std::optional<std::array<std::int8_t, 2>> out;
+    double most = -1;
+    for (const auto& side : sides_of(type))
+    {
+      const Vec2 &a = q[side[0]], t = q[side[1]] - a;
+      const double length = std::hypot(t[0], t[1]), along = t[0] * (at[0] - a[0]) + t[1] * (at[1] - a[1]);
+      if (std::abs(cross(t, at - a)) > tolerance * length || along < -tolerance * length
+          || along > length * (length + tolerance))
+        continue;
+      const double sine = std::abs(cross(t, direction)) / length;
+      if (sine > most)
+      {
+        most = sine;
+        out = side;
+      }
+    }
+    return out;
+  }
+
+  FacetType type;
+  std::array<Vec2, 4> q{};
+};
+
+/// What a corner of a piece is. Where both facets have a vertex or an edge, it is the slave's: it
+/// counts as its own that it ends there.
+PieceCorner corner_at(const Vec2& q, const Outline& cut, const Outline& other, bool cut_is_slave,
+                      double tolerance)
+{
+  const Outline &first = cut_is_slave ? cut : other, &second = cut_is_slave ? other : cut;
+  PieceCorner out;
+  auto &of_first = cut_is_slave ? out.cut : out.other, &of_second = cut_is_slave ? out.other : out.cut;
+  if (const auto vertex = first.vertex(q, tolerance))
+  {
+    of_first = {*vertex, *vertex};
+    return out;
+  }
+  const auto edge = first.edge(q, {0, 0}, tolerance);
+  if (edge)
+    if (const auto crossing = second.edge(q, first.q[(*edge)[1]] - first.q[(*edge)[0]], tolerance))
+    {
+      of_first = *edge;
+      of_second = *crossing;
+      return out;
+    }
+  // A vertex of the other one; next to the first's edge by more than rounding, perhaps.
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < static_cast<int>(second.type); ++i)
+    if (const double distance = std::hypot(q[0] - second.q[i][0], q[1] - second.q[i][1]);
+        distance < nearest)
+    {
+      nearest = distance;
+      of_second = {static_cast<std::int8_t>(i), static_cast<std::int8_t>(i)};
+    }
+  return out;
+}
+
 /// Where pieces are noted down, and the areas of their points.
 struct Record
 {
@@ -185,23 +297,21 @@ struct Record
     pieces.cut_is_slave.push_back(cut_is_slave);
     pieces.facet.push_back(f);
     pieces.end.push_back(pieces.points.size());
-    pieces.rim_end.push_back(pieces.rim.size());
+    pieces.corner_end.push_back(pieces.corners.size());
+  }
+
+  void append_corner(const PieceCorner& corner)
+  {
+    pieces.corners.push_back(corner);
+    pieces.corner_end.back() = pieces.corners.size();
   }
 
   /// @param density weight over the area per reference area, see Pieces
-  void append_rim(const std::array<double, 2>& xi, const std::array<double, 2>& zeta,
-                  double density, const Vec3& outward)
-  {
-    pieces.rim.push_back(
-        {{xi, zeta, density * stretch(measured, pieces.facet.back(), xi)}, outward});
-    pieces.rim_density.push_back(density);
-    pieces.rim_end.back() = pieces.rim.size();
-  }
-
-  /// @param density likewise
   void append_point(const std::array<double, 2>& xi, const std::array<double, 2>& zeta,
-                    double density)
+                    double density, PointPlace place)
   {
+    place.growth = growth(measured, pieces.facet.back(), xi);
+    pieces.places.push_back(place);
     pieces.points.push_back({xi, zeta, density * stretch(measured, pieces.facet.back(), xi)});
     pieces.density.push_back(density);
     pieces.end.back() = pieces.points.size();
@@ -330,38 +440,8 @@ struct ShapeValues
   }
 };
 
-/// Distance from each other, over the size of a facet, of edges that coincide.
-constexpr double rim_tolerance = 1e-10;
-
-/// Whether a line from a to b lies on one side of a polygon, or a point a = b at an interval's end.
-bool runs_along(const Polygon& polygon, const Vec2& a, const Vec2& b, double tolerance)
-{
-  if (polygon.size() == 2)
-    return std::min(std::abs(a[0] - polygon[0][0]), std::abs(a[0] - polygon[1][0])) <= tolerance;
-  for (std::size_t i = 0; i < polygon.size(); ++i)
-  {
-    const Vec2 &p = polygon[i], t = polygon[(i + 1) % polygon.size()] - p;
-    const double within = tolerance * std::hypot(t[0], t[1]);
-    if (std::abs(cross(t, a - p)) <= within && std::abs(cross(t, b - p)) <= within)
-      return true;
-  }
-  return false;
-}
-
-/// Gauss's rules on the interval.
-const Rule& rim_rule_2()
-{
-  static const double x = 0.5 / std::sqrt(3.0);
-  static const Rule rule{{{0.5 - x, 0}, {0.5 + x, 0}}, {0.5, 0.5}};
-  return rule;
-}
-
-const Rule& rim_rule_3()
-{
-  static const double x = 0.5 * std::sqrt(0.6);
-  static const Rule rule{{{0.5 - x, 0}, {0.5, 0}, {0.5 + x, 0}}, {5.0 / 18, 8.0 / 18, 5.0 / 18}};
-  return rule;
-}
+/// Distance from each other, over the size of a facet, of edges and vertices that coincide.
+constexpr double coincident_tolerance = 1e-10;
 
 /// Cuts the facets of one surface along those of another.
 class Overlay
@@ -671,20 +751,20 @@ private:
     w_.clear();
     // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
     // alike.
-    polygon_ = piece.polygon;
-    if (record_)
-      append_points_of_ears(polygon_, rules_.piece, q_, w_);
-    if (piece.even || !(planar.affine() && piece.planar.affine()))
-      append_points_from_middle(polygon_, rules_.piece, q_, w_);
-    else
-      append_points(polygon_, rules_.piece, q_, w_);
+    const bool from_middle = piece.even || !(planar.affine() && piece.planar.affine());
+    const Triangles triangles(piece.polygon, from_middle);
     if (record_)
     {
+      append_points_of_triangles(piece.polygon, triangles);
       here_.place(planar, q_);
       there_.place(piece.planar, q_);
     }
     else
     {
+      if (from_middle)
+        append_points_from_middle(piece.polygon, rules_.piece, q_, w_);
+      else
+        append_points(piece.polygon, rules_.piece, q_, w_);
       here_.compute(cut_.type(), planar, piece.polygon, q_, w_, rules_.edge);
       there_.compute(nearby_.type, piece.planar, piece.polygon, q_, w_, rules_.edge);
     }
@@ -723,9 +803,12 @@ private:
       if (record_)
       {
         if (num_recorded++ == 0)
+        {
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
+          append_corners(f, frame, piece, triangles.around);
+        }
         record_->append_point(here.xi[p], there.xi[p],
-                              share_ * w_[p] / planar.jacobian(here.xi[p]));
+                              share_ * w_[p] / planar.jacobian(here.xi[p]), places_[p]);
         continue;
       }
       // A curved quadrilateral has more area than its projection.
@@ -746,47 +829,39 @@ private:
                     cut_is_slave_ ? cut_.facets().vertex_side : nearby_.side,
                     cut_is_slave_ ? f : piece.other, points_.num_multipliers);
     }
-    if (num_recorded > 0 && num_recorded == q_.size()) // else parts are hidden or too far away
-      append_rim(f, frame, planar, piece);
   }
 
-  /// Note down the rim of a piece where it is not the facet's own. Where both facets end it counts
-  /// as the slave's own.
-  void append_rim(std::size_t f, const Frame& frame, const PlanarFacet& planar, const Piece& piece)
+  /// Points of the triangles of a piece, and where they are in these.
+  void append_points_of_triangles(const Polygon& polygon, const Triangles& triangles)
   {
-    const Polygon& rim = piece.polygon;
-    const double tolerance = rim_tolerance * cut_.facets().size[f];
-    const auto moves = [&](const Vec2& a, const Vec2& b)
+    const auto place = [&](std::uint8_t corner)
+    { return corner < polygon.size() ? polygon[corner] : triangles.middle; };
+    const bool on_line = cut_.type() == FacetType::interval;
+    const std::uint8_t middle = static_cast<std::uint8_t>(polygon.size());
+    places_.clear();
+    for (std::array<std::uint8_t, 3> corner : triangles.corner)
     {
-      return !runs_along(planar.polygon(), a, b, tolerance)
-             || (!cut_is_slave_ && runs_along(piece.planar.polygon(), a, b, tolerance));
-    };
-    if (cut_.type() == FacetType::interval)
-    {
-      for (int i = 0; i < 2; ++i)
-        if (moves(rim[i], rim[i]))
-          append_rim_point(planar, piece, rim[i], 1, (i == 0 ? -1.0 : 1.0) * frame.e0);
-      return;
-    }
-    const Rule& rule = cut_.degree() > 1 || nearby_.degree > 1 ? rim_rule_3() : rim_rule_2();
-    for (std::size_t i = 0; i < rim.size(); ++i)
-    {
-      const Vec2 &a = rim[i], &b = rim[(i + 1) % rim.size()], t = b - a;
-      const double length = std::hypot(t[0], t[1]);
-      if (length <= tolerance || !moves(a, b))
-        continue;
-      const Vec3 outward = (t[1] / length) * frame.e0 - (t[0] / length) * frame.e1;
-      for (std::size_t p = 0; p < rule.w.size(); ++p)
-        append_rim_point(planar, piece, a + rule.x[p][0] * t, rule.w[p] * length, outward);
+      const auto [a, b, c] = corner;
+      append_points(on_line ? polygon : Polygon{place(a), place(b), place(c)}, rules_.piece, q_, w_);
+      std::ranges::replace(corner, middle, middle_corner);
+      for (const Vec2& at : rules_.piece.x)
+        places_.push_back({corner, at});
     }
   }
 
-  /// @param length of the rim that the point stands for; 1 in 2D
-  void append_rim_point(const PlanarFacet& planar, const Piece& piece, const Vec2& q, double length,
-                        const Vec3& outward)
+  /// Note down what the corners of a piece are. @param around numbers of those that are not ears
+  void append_corners(std::size_t f, const Frame& frame, const Piece& piece,
+                      const std::vector<std::uint8_t>& around)
   {
-    const Vec2 xi = planar.invert(q);
-    record_->append_rim(xi, piece.planar.invert(q), share_ * length / planar.jacobian(xi), outward);
+    const double tolerance = coincident_tolerance * cut_.facets().size[f];
+    const Outline cut(cut_.type(), cut_.facet_x(f), frame),
+        other(nearby_.type, nearby_.facet_x(piece.other), frame);
+    for (std::size_t i = 0; i < piece.polygon.size(); ++i)
+    {
+      PieceCorner corner = corner_at(piece.polygon[i], cut, other, cut_is_slave_, tolerance);
+      corner.around = std::ranges::find(around, i) != around.end();
+      record_->append_corner(corner);
+    }
   }
 
   /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.
@@ -906,6 +981,7 @@ private:
   std::vector<std::size_t> candidates_;
   std::vector<Crossing> crossings_;
   Polygon polygon_;
+  std::vector<PointPlace> places_;
   std::vector<Vec2> q_;
   std::vector<double> w_;
   ShapeValues here_, there_;
@@ -986,13 +1062,15 @@ Pieces qsdolfinx::weighed(const Pieces& pieces, const Surface& slave_measured,
                           const Surface& master_measured)
 {
   Pieces out = pieces;
-  for (std::size_t i = 0, p = 0, r = 0; i < out.size(); ++i)
+  out.motions.clear();
+  for (std::size_t i = 0, p = 0; i < out.size(); ++i)
   {
     const Surface& measured = out.cut_is_slave[i] ? slave_measured : master_measured;
     for (RayPoint& point : out.points_of(i))
-      point.weight = out.density[p++] * stretch(measured, out.facet[i], point.xi);
-    for (RimPoint& rim : out.rim_of(i))
-      rim.point.weight = out.rim_density[r++] * stretch(measured, out.facet[i], rim.point.xi);
+    {
+      point.weight = out.density[p] * stretch(measured, out.facet[i], point.xi);
+      out.places[p++].growth = growth(measured, out.facet[i], point.xi);
+    }
   }
   return out;
 }

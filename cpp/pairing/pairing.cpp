@@ -460,7 +460,6 @@ Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master, boo
     out.cut_is_slave.push_back(of_master ? 0 : 1);
     out.points.push_back({{0.0, 0.0}, zeta, weight[k]});
     out.end.push_back(out.points.size());
-    out.rim_end.push_back(0);
   }
   solve_pieces(out);
   return out;

@@ -1,7 +1,5 @@
 #include "pairing/pieces.h"
 
-#include <algorithm>
-
 using namespace qsdolfinx;
 
 namespace
@@ -27,11 +25,22 @@ void qsdolfinx::solve_pieces(Pieces& pieces)
 {
   pieces.is_missed.assign(pieces.size(), 0);
   for (std::size_t i = 0; i < pieces.size(); ++i)
+    pieces.is_missed[i] = !solve_rays(pair_of(pieces, i), pieces.points_of(i));
+}
+
+const std::vector<double>& qsdolfinx::motions_of(const Pieces& pieces)
+{
+  const auto size = 9 * static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  if (pieces.motions.size() == size * pieces.points.size())
+    return pieces.motions;
+  pieces.motions.resize(size * pieces.points.size());
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
   {
-    const RayPair pair = pair_of(pieces, i);
-    const auto meets
-        = [&pair](RimPoint& rim) { return solve_rays(pair, std::span(&rim.point, 1)); };
-    pieces.is_missed[i]
-        = !(solve_rays(pair, pieces.points_of(i)) && std::ranges::all_of(pieces.rim_of(i), meets));
+    const auto points = pieces.points_of(i);
+    const auto out = std::span(pieces.motions).subspan(first, points.size() * size);
+    point_motions(pair_of(pieces, i), pieces.shape_of(i), points, out);
+    first += out.size();
   }
+  return pieces.motions;
 }

@@ -1,7 +1,7 @@
 // Pieces of the overlay with the facets they were cut from: what gaps that follow the bodies need.
 #pragma once
 
-#include "sliding/ray.h"
+#include "sliding/motion.h"
 
 #include <cstdint>
 #include <span>
@@ -38,12 +38,16 @@ struct Pieces
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
-  std::vector<std::size_t> rim_end;          ///< the same of the rim's points
-  std::vector<RimPoint> rim;                 ///< as points
-  // Of facets that were cut, what areas can be measured anew by:
-  std::vector<std::size_t> facet;           ///< facet of this rank, [piece]; empty of vertices
-  std::vector<double> density, rim_density; ///< weight over ∂A/∂ξ where areas are measured, [point]
-  std::vector<std::uint8_t> is_missed;      ///< whether a ray meets no point, [piece]
+  std::vector<std::uint8_t> is_missed;       ///< whether a ray meets no point, [piece]
+  // Of facets that were cut; empty of vertices.
+  std::vector<std::size_t> corner_end; ///< corners of a piece, as points
+  std::vector<PieceCorner> corners;
+  std::vector<PointPlace> places; ///< [point]
+  // What areas can be measured anew by:
+  std::vector<std::size_t> facet; ///< facet of this rank, [piece]
+  std::vector<double> density;    ///< weight over ∂A/∂ξ where areas are measured, [point]
+
+  mutable std::vector<double> motions; ///< see motions_of; empty as long as nobody has asked
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
@@ -54,11 +58,14 @@ struct Pieces
   {
     return part_of(std::span(points), end, piece);
   }
-  std::span<const RimPoint> rim_of(std::size_t piece) const
+  /// How its points move on the facet.
+  PieceShape shape_of(std::size_t piece) const
   {
-    return part_of(std::span(rim), rim_end, piece);
+    if (corner_end.empty())
+      return {};
+    return {part_of(std::span(corners), corner_end, piece),
+            part_of(std::span(places), end, piece)};
   }
-  std::span<RimPoint> rim_of(std::size_t piece) { return part_of(std::span(rim), rim_end, piece); }
 
 private:
   template <typename T>
@@ -72,6 +79,9 @@ private:
 
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
+
+/// See point_motions, [point][3][node][3], the slave's nodes first: found when first asked for.
+const std::vector<double>& motions_of(const Pieces& pieces);
 
 /// Find where the rays of all points meet the other facets.
 void solve_pieces(Pieces& pieces);

@@ -1,159 +1,17 @@
 #include "sliding/ray.h"
 #include "geometry/outer.h"
+#include "sliding/forms.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <vector>
 
 using namespace qsdolfinx;
-
-// With p = x_y(ξ) on the facet y that is cut, and z the other one, a ray is x_z(ζ) = p + t n. Its
-// variation is J (δt, δζ) = v with J = [−n, a₁, a₂], a_α = ∂x_z/∂ζ_α, and
-//
-//   v = Σ T_i δy_i + t δn − Σ M_j δz_j,
-//
-// which vanishes for rigid motions. All first variations are linear forms c·v of v.
+using namespace qsdolfinx::forms;
 
 namespace
 {
-using Vec2 = std::array<double, 2>;
-
-constexpr int max_columns = 2 * 3 * max_trace;
-
-/// A linear form in the components of all nodes, which come first.
-using Row = std::array<double, max_columns>;
-
-void add(double* to, double s, const Vec3& a)
-{
-  for (int i = 0; i < 3; ++i)
-    to[i] += s * a[i];
-}
-
-/// Where the columns of both facets are.
-struct Columns
-{
-  explicit Columns(const RayPair& pair)
-      : num_cut(pair.cut.num_nodes()), num_other(pair.other.num_nodes()),
-        cut(pair.cut_is_slave ? 0 : num_other), other(pair.cut_is_slave ? num_cut : 0),
-        along(pair.along_other ? other : cut)
-  {
-  }
-  int size() const { return 3 * (num_cut + num_other); }
-
-  int num_cut, num_other; ///< nodes
-  int cut, other;         ///< the first node of each
-  int along;              ///< of the one whose normal rays go along
-};
-
-/// Unit normal n = s/|s| of a facet, s = f d₁ × d₂, where d₁ and d₂ are sums of its vertices. In 2D
-/// d₂ is the third axis.
-class Normal
-{
-public:
-  explicit Normal(const RayFacet& facet) : num_vertices_(facet.num_vertices())
-  {
-    const auto vertex = [&](int i) { return facet_vertex(facet.x, i); };
-    const auto difference = [&](std::array<double, 4>& signs, int a, int b)
-    {
-      signs[a] = -1;
-      signs[b] = 1;
-      return vertex(b) - vertex(a);
-    };
-    const bool quadrilateral = facet.type == FacetType::quadrilateral;
-    factor_ = quadrilateral ? 0.5 * facet.orientation : facet.orientation;
-    d1_ = difference(signs1_, 0, quadrilateral ? 3 : 1);
-    if (facet.type != FacetType::interval)
-      d2_ = difference(signs2_, quadrilateral ? 1 : 0, 2);
-    const Vec3 s = factor_ * cross(d1_, d2_);
-    length_ = norm(s);
-    n_ = 1 / length_ * s;
-  }
-
-  int num_vertices() const { return num_vertices_; }
-  double length() const { return length_; }
-  const Vec3& n() const { return n_; }
-
-  /// (c − n (n·c)) / |s|: c·δn is its product with δs.
-  Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
-
-  /// Add the gradient of k·s for a constant k. @param to first vertex @param stride to the next one
-  void add_area(const Vec3& k, double* to, int stride = 3) const
-  {
-    const Vec3 first = factor_ * cross(d2_, k), second = factor_ * cross(k, d1_);
-    for (int i = 0; i < num_vertices_; ++i)
-    {
-      add(to + i * stride, signs1_[i], first);
-      add(to + i * stride, signs2_[i], second);
-    }
-  }
-
-  /// Add the gradient of c·n for a constant c.
-  void add_to(const Vec3& c, double* to, int stride = 3) const { add_area(across(c), to, stride); }
-
-  /// Add a matrix whose sum with its transpose is that of k·∂²s. @param to first vertex, first
-  /// column @param size length of a row
-  void add_half_curvature(const Vec3& k, double* to, int size) const
-  {
-    const Vec3 scaled = factor_ * k;
-    const auto [x, y, z] = scaled;
-    const std::array<Vec3, 3> K{{{0, z, -y}, {-z, 0, x}, {y, -x, 0}}};
-    for (int i = 0; i < num_vertices_; ++i)
-      for (int j = 0; j < num_vertices_; ++j)
-        for (int r = 0; r < 3; ++r)
-          add(to + (3 * i + r) * size + 3 * j, signs1_[i] * signs2_[j], K[r]);
-  }
-
-private:
-  int num_vertices_;
-  double factor_, length_;
-  std::array<double, 4> signs1_{}, signs2_{};
-  Vec3 d1_, d2_{0, 0, 1}, n_;
-};
-
-/// Rows of J⁻¹. In 2D nothing moves along the third axis: its ζ is left out.
-struct Inverse
-{
-  Inverse(const Vec3& n, const std::array<Vec3, 2>& a, bool plane)
-  {
-    const Vec3 area = cross(a[0], a[1]);
-    const double scale = -1 / dot(n, area);
-    t = scale * area;
-    zeta[0] = scale * cross(n, a[1]);
-    if (!plane)
-      zeta[1] = scale * cross(a[0], n);
-  }
-
-  Vec3 t;
-  std::array<Vec3, 2> zeta{};
-};
-
-/// Tangents of a facet, in 2D the second one along the third axis.
-std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
-                             const std::array<Vec2, max_trace>& gradients)
-{
-  std::array<Vec3, 2> a{};
-  for (int j = 0; j < facet.num_nodes(); ++j)
-  {
-    const Vec3 x = facet_vertex(facet.x, j) - origin;
-    for (int d = 0; d < 2; ++d)
-      add(a[d].data(), gradients[j][d], x);
-  }
-  if (facet.type == FacetType::interval)
-    a[1] = {0, 0, 1};
-  return a;
-}
-
-Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
-{
-  const auto N = trace_functions(facet.type, facet.degree, xi);
-  Vec3 x{};
-  for (int i = 0; i < facet.num_nodes(); ++i)
-    add(x.data(), N[i], facet_vertex(facet.x, i) - origin);
-  return x;
-}
-
 /// Newton's method; one step where the other facet is flat and straight. The last step leaves its
 /// square behind.
 bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
@@ -186,50 +44,6 @@ bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
   point.t = std::numeric_limits<double>::quiet_NaN();
   return false;
 }
-
-/// What is needed at a ray that has been found.
-struct Ray
-{
-  Ray(const RayPair& pair, const Normal& normal, const RayPoint& point)
-      : T(trace_functions(pair.cut.type, pair.cut.degree, point.xi)),
-        M(trace_functions(pair.other.type, pair.other.degree, point.zeta)),
-        dM(trace_gradients(pair.other.type, pair.other.degree, point.zeta)),
-        a(tangents(pair.other, facet_vertex(pair.other.x, 0), dM)),
-        A(normal.n(), a, pair.other.type == FacetType::interval), t(point.t), weight(point.weight)
-  {
-  }
-
-  /// The c of w p ∂g = c·v. @param pressure w p @param slope of w p h by ζ, see Pressure
-  Vec3 of_gap(double pressure, const Vec2& slope) const
-  {
-    return slope[0] * A.zeta[0] + slope[1] * A.zeta[1] - pressure * A.t;
-  }
-
-  /// Add the form c·v but for the turning of the normal, which adds t c·δn.
-  void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
-  {
-    for (int i = 0; i < columns.num_cut; ++i)
-      add(row + (columns.cut + i) * stride, T[i], c);
-    for (int j = 0; j < columns.num_other; ++j)
-      add(row + (columns.other + j) * stride, -M[j], c);
-  }
-
-  /// The form c·v.
-  Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
-  {
-    Row row;
-    std::fill_n(row.begin(), columns.size(), 0.0);
-    add_to(columns, c, row.data());
-    normal.add_to(t * c, &row[3 * columns.along]);
-    return row;
-  }
-
-  std::array<double, max_trace> T, M;
-  std::array<Vec2, max_trace> dM;
-  std::array<Vec3, 2> a;
-  Inverse A;
-  double t, weight;
-};
 
 /// The slave's vertex functions at a ray and their derivatives by ζ: none if the slave is cut.
 struct Multipliers
@@ -433,13 +247,6 @@ private:
 
 namespace
 {
-/// The facet of degree 1 with the same vertices.
-RayFacet chord_of(const RayFacet& facet)
-{
-  const auto size = 3 * static_cast<std::size_t>(facet.num_vertices());
-  return {facet.type, 1, facet.x.first(size), facet.orientation};
-}
-
 void add_outer(const Row& rows, const Row& columns, int n, std::span<double> matrix)
 {
   for (int a = 0; a < n; ++a)
@@ -447,33 +254,6 @@ void add_outer(const Row& rows, const Row& columns, int n, std::span<double> mat
       matrix[a * n + b] += rows[a] * columns[b];
 }
 
-/// How a point of the rim moves outward; none where its ray meets no point.
-std::optional<Row> motion_of(const RayPair& pair, const Normal& normal, const Columns& columns,
-                             const RimPoint& at)
-{
-  const RayPair chords{chord_of(pair.cut), chord_of(pair.other), pair.cut_is_slave};
-  RayPoint on_chord = at.point; // facets are cut as their vertices have it
-  if (!solve(chords, normal.n(), on_chord))
-    return {};
-  return Ray(chords, normal, on_chord).form(columns, normal, -1 * at.outward);
-}
-
-/// Add the products of forces at the rim and its motions.
-/// @param force the c of a force c·v at a ray, its point and the normal
-template <typename F>
-void add_rim_of(const RayPair& pair, std::span<const RimPoint> rim, std::span<double> hessian,
-                F force)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  for (const RimPoint& at : rim)
-    if (const auto motion = motion_of(pair, normal, columns, at))
-    {
-      const Ray ray(pair, normal, at.point);
-      add_outer(ray.form(columns, normal, force(ray, at.point, normal.n())), *motion,
-                columns.size(), hessian);
-    }
-}
 } // namespace
 
 RayLift qsdolfinx::lift_of(const RayPair& pair, const std::array<double, 2>& zeta)
@@ -518,6 +298,25 @@ bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
   return found;
 }
 
+Vec3 qsdolfinx::normal_of(const RayPair& pair)
+{
+  return (pair.cut_is_slave ? 1.0 : -1.0) * Normal(pair.along()).n();
+}
+
+void qsdolfinx::normal_gradient(const RayPair& pair, std::span<double> out)
+{
+  const Normal normal(pair.along());
+  const Columns columns(pair);
+  const auto size = static_cast<std::size_t>(columns.size());
+  std::ranges::fill(out, 0.0);
+  for (std::size_t r = 0; r < 3; ++r)
+  {
+    Vec3 axis{};
+    axis[r] = pair.cut_is_slave ? 1 : -1;
+    normal.add_to(axis, &out[r * size + 3 * static_cast<std::size_t>(columns.along)]);
+  }
+}
+
 void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
                               std::span<double> out)
 {
@@ -529,6 +328,38 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
     const Ray ray(pair, normal, points[p]);
     const Row row = ray.form(columns, normal, ray.of_gap(1, lift_of(pair, points[p].zeta).slope));
     std::copy_n(row.begin(), size, out.subspan(p * size).begin());
+  }
+}
+
+void qsdolfinx::gap_slopes(const RayPair& pair, std::span<const RayPoint> points,
+                           std::span<double> out)
+{
+  const Normal normal(pair.along());
+  const Columns columns(pair);
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const RayByXi at(pair, normal, columns, points[p]);
+    for (int a = 0; a < 2; ++a)
+      out[2 * p + a] = -at.dt[a];
+  }
+}
+
+void qsdolfinx::function_slopes(const RayPair& pair, std::span<const RayPoint> points,
+                                std::span<double> out)
+{
+  const Normal normal(pair.along());
+  const Columns columns(pair);
+  const auto nk = static_cast<std::size_t>(pair.slave().num_vertices());
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const RayByXi at(pair, normal, columns, points[p]);
+    const auto& place = pair.cut_is_slave ? points[p].xi : points[p].zeta;
+    const auto dN = trace_gradients(pair.slave().type, 1, place);
+    for (std::size_t k = 0; k < nk; ++k)
+      for (int a = 0; a < 2; ++a)
+        out[(p * nk + k) * 2 + a]
+            = pair.cut_is_slave ? dN[k][a]
+                                : dN[k][0] * at.dzeta[a][0] + dN[k][1] * at.dzeta[a][1];
   }
 }
 
@@ -553,18 +384,6 @@ void qsdolfinx::function_gradients(const RayPair& pair, std::span<const RayPoint
   }
 }
 
-void qsdolfinx::rim_motions(const RayPair& pair, std::span<const RimPoint> rim,
-                            std::span<double> out)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const auto size = static_cast<std::size_t>(columns.size());
-  std::ranges::fill(out, 0.0);
-  for (std::size_t p = 0; p < rim.size(); ++p)
-    if (const auto motion = motion_of(pair, normal, columns, rim[p]))
-      std::copy_n(motion->begin(), size, out.subspan(p * size).begin());
-}
-
 void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                         std::span<const double> pressure, std::span<double> hessian)
 {
@@ -574,34 +393,6 @@ void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const Ray
       half.add_point(points[p], {points[p].weight * pressure[p], lift_of(pair, points[p].zeta)});
   half.add_sums();
   half.add_to(hessian);
-}
-
-void qsdolfinx::add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
-                                  std::span<const double> pressure, std::span<double> hessian)
-{
-  const double* next = pressure.data();
-  for (const RimPoint& at : rim)
-    if (const double p = *next++; p != 0)
-      add_rim_of(pair, std::span(&at, 1), hessian,
-                 [p](const Ray& ray, const RayPoint& point, const Vec3&)
-                 { return ray.of_gap(point.weight * p, {0, 0}); });
-}
-
-void qsdolfinx::add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
-                                       std::span<const double> traction, std::span<double> hessian)
-{
-  for (std::size_t i = 0; i < rim.size(); ++i)
-  {
-    const Vec3 tau = facet_vertex(traction, static_cast<int>(i));
-    if (dot(tau, tau) == 0)
-      continue;
-    add_rim_of(pair, rim.subspan(i, 1), hessian,
-               [&](const Ray& ray, const RayPoint&, const Vec3&)
-               {
-                 const Vec2 s = Sliding(pair, ray, tau).s;
-                 return s[0] * ray.A.zeta[0] + s[1] * ray.A.zeta[1];
-               });
-  }
 }
 
 namespace
@@ -686,6 +477,18 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     const auto a0 = tangents(other, origin, ray.dM);
     const RayLift lift = lift_of(pair, point.zeta);
     const Vec3 rises = lift.slope[0] * ray.A.zeta[0] + lift.slope[1] * ray.A.zeta[1];
+    const auto dT = trace_gradients(cut.type, cut.degree, point.xi);
+    const auto a_cut = tangents(cut, origin, dT),
+               a_now = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT);
+    for (int alpha = 0; alpha < dim; ++alpha)
+    {
+      Vec3 change = a_cut[alpha], by_xi{};
+      for (int b = 0; b < dim; ++b)
+        change = change - dot(ray.A.zeta[b], a_now[alpha]) * a0[b];
+      for (int b = 0; b < dim; ++b)
+        by_xi = by_xi - sign * dot(across[b], change) * now.e[b];
+      std::copy_n(by_xi.begin(), 3, out.slope.subspan(6 * p + 3 * alpha).begin());
+    }
     std::array<Vec3, 3> slides{}, works{}; // forms c·v of each component
     for (int r = 0; r < 3; ++r)
       works[r] = sign * rises[r] * ray.A.t; // tractions lie in the curved surface
@@ -747,6 +550,13 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
     for (int alpha = 0; alpha < dim; ++alpha)
       add_outer(alpha == 0 ? forms.first : forms.second,
                 sliding.variation(alpha, pair, ray, point, forms, columns), n, hessian);
+    // τ stays in the plane of the facet: n·δτ = −τ·δn.
+    const Vec2 across = Sliding(pair, ray, normal.n()).s;
+    const Row works
+        = ray.form(columns, normal, across[0] * ray.A.zeta[0] + across[1] * ray.A.zeta[1]);
+    Row turn{};
+    normal.add_to(-1 * tau, &turn[3 * columns.along]);
+    add_outer(works, turn, n, hessian);
   }
   half.add_sums();
   half.add_to(hessian);

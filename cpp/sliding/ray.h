@@ -64,40 +64,34 @@ struct RayPoint
   double t = 0;               ///< length along n: the gap is g = −t, positive in penetration
 };
 
-/// A point on the rim of what is covered of the facet that is cut, where an edge of the other one
-/// is projected to: it moves with that. Its weight is area over length.
-struct RimPoint
-{
-  RayPoint point;
-  Vec3 outward; ///< of unit length, in the plane of the facet across the rim
-};
-
 /// Find the ends: ζ and t, from the ζ that is given. All that follows needs them.
 /// @return whether all are found; t is not a number where one is not
 bool solve_rays(const RayPair& pair, std::span<RayPoint> points);
 
+/// The slave's outward normal where rays leave.
+Vec3 normal_of(const RayPair& pair);
+
+/// Gradient of the slave's outward normal where rays leave. @param out [component][node][3]
+void normal_gradient(const RayPair& pair, std::span<double> out);
+
 /// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
 void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
+
+/// Derivatives of the gaps by ξ, nodes fixed. @param out [point][2]
+void gap_slopes(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
+
+/// The same of the slave's vertex functions. @param out [point][k][2]
+void function_slopes(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
 
 /// Gradients of the slave's vertex functions at points by the nodes of both: none if the slave is
 /// cut. @param out [point][k][node][3]
 void function_gradients(const RayPair& pair, std::span<const RayPoint> points,
                         std::span<double> out);
 
-/// How points of the rim move outward, across it, by the nodes of both. @param out [point][node][3]
-void rim_motions(const RayPair& pair, std::span<const RimPoint> rim, std::span<double> out);
-
 /// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. What is added is symmetric to the last bit.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]
 void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                              std::span<const double> pressure, std::span<double> hessian);
-
-/// Add what the motion of the rim across the facet adds to the derivative of Σ_p w_p p_p ∂g_p: the
-/// integral along the rim of p ∂g times that motion. Where another piece begins all of it is
-/// symmetric together, and nothing where facets are flat; at open ends it is neither.
-/// @param pressure p at the rim, [point] @param hessian as above, rows are those of ∂g_p
-void add_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
-                       std::span<const double> pressure, std::span<double> hessian);
 
 /// Places of the nodes of both facets when slip began, [node][3].
 struct RayStart
@@ -116,6 +110,7 @@ struct RaySlip
   std::span<double> normal;   ///< n, outward of the slave, [point][3]
   std::span<double> gradient; ///< by the nodes of both, ξ fixed, [point][node][3][3]; rows: slip
   std::span<double> works;    ///< what tractions work on: Σ a_α δζ_α of the end, likewise
+  std::span<double> slope;    ///< of the slip by ξ, nodes fixed, [point][2][3]
   std::span<double> arc;      ///< θ/sin θ, [point]
   std::span<double> gap;      ///< d₀ along n as it was then, positive in penetration, [point]
 };
@@ -127,9 +122,5 @@ void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const 
 /// variation; not symmetric
 void add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
                                   std::span<const double> traction, std::span<double> hessian);
-
-/// Add what the motion of the rim adds to it, likewise. @param traction τ at the rim, [point][3]
-void add_slip_rim_of_points(const RayPair& pair, std::span<const RimPoint> rim,
-                            std::span<const double> traction, std::span<double> hessian);
 
 } // namespace qsdolfinx

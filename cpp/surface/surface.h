@@ -128,6 +128,7 @@ public:
   {
     return axisymmetric_ ? 2 * std::numbers::pi * x[0] : 1.0;
   }
+  bool axisymmetric() const { return axisymmetric_; }
   /// Nodes of the trace on a facet.
   int num_trace() const { return trace_size(type_, degree_); }
   std::size_t num_facets() const { return facets_.size.size(); }

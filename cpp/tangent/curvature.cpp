@@ -82,29 +82,25 @@ bool is_zero(double value) { return value == 0; }
 
 void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
                                            std::span<const double> pressure,
-                                           std::span<const double> at_rim,
                                            std::array<Vec, 2> markers, ContactBlocks blocks,
                                            std::array<double, 2> scale)
 {
-  if (pressure.size() < pieces.points.size() || at_rim.size() != pieces.rim.size())
-    throw std::invalid_argument("a pressure for each point, and for each one of the rim");
+  if (pressure.size() < pieces.points.size())
+    throw std::invalid_argument("a pressure for each point");
   Insertion insertion(master, pieces, markers, blocks, scale);
   std::vector<double> H(insertion.size() * insertion.size());
-  std::size_t first = 0, first_of_rim = 0;
+  std::size_t first = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto points = pieces.points_of(i);
-    const auto rim = pieces.rim_of(i);
-    const auto of_piece = pressure.subspan(first, points.size()),
-               of_rim = at_rim.subspan(first_of_rim, rim.size());
+    const auto of_piece = pressure.subspan(first, points.size());
     first += points.size();
-    first_of_rim += rim.size();
-    if (std::ranges::all_of(of_piece, is_zero) && std::ranges::all_of(of_rim, is_zero))
+    if (std::ranges::all_of(of_piece, is_zero))
       continue;
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
     add_curvature_of_points(pair, points, of_piece, H);
-    add_rim_of_points(pair, rim, of_rim, H);
+    add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
     insertion.add(i, H);
   }
   insertion.insert();
@@ -112,29 +108,25 @@ void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
 
 void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
                                                 std::span<const double> traction,
-                                                std::span<const double> at_rim,
                                                 std::array<Vec, 2> markers, ContactBlocks blocks,
                                                 std::array<double, 2> scale)
 {
-  if (traction.size() < 3 * pieces.points.size() || at_rim.size() != 3 * pieces.rim.size())
-    throw std::invalid_argument("a traction for each point, and for each one of the rim");
+  if (traction.size() < 3 * pieces.points.size())
+    throw std::invalid_argument("a traction for each point");
   Insertion insertion(master, pieces, markers, blocks, scale);
   std::vector<double> H(insertion.size() * insertion.size());
-  std::size_t first = 0, first_of_rim = 0;
+  std::size_t first = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     const auto points = pieces.points_of(i);
-    const auto rim = pieces.rim_of(i);
-    const auto of_piece = traction.subspan(3 * first, 3 * points.size()),
-               of_rim = at_rim.subspan(3 * first_of_rim, 3 * rim.size());
+    const auto of_piece = traction.subspan(3 * first, 3 * points.size());
     first += points.size();
-    first_of_rim += rim.size();
-    if (std::ranges::all_of(of_piece, is_zero) && std::ranges::all_of(of_rim, is_zero))
+    if (std::ranges::all_of(of_piece, is_zero))
       continue;
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
     add_slip_curvature_of_points(pair, points, of_piece, H);
-    add_slip_rim_of_points(pair, rim, of_rim, H);
+    add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
     insertion.add(i, H);
   }
   insertion.insert();

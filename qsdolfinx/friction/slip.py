@@ -226,15 +226,33 @@ class Slip:
             elastic: r; 0 of an augmented Lagrangian.
             reached: τ_h at the points, (rows, gdim); by default that of the last solution.
         """
+        if not isinstance(self.gap.rows, PointRows):
+            return self.state.augmented
+        return np.asarray(self.tangential(self._reached(elastic, reached)) + self.state.rest)
+
+    def _reached(self, elastic: float, reached: Array | None) -> Array:
+        """τ_h + r (τ̂_h − τ_h) at points, of which the tangential part counts. Collective."""
         state, rows = self.state, self.gap.rows
-        if not isinstance(rows, PointRows):
-            return state.augmented
+        assert isinstance(rows, PointRows)
         if reached is None:
             nodal = state.augmented if state.reached is None else state.reached
             reached = rows.vectors_from_sides(nodal)
         start = rows.vectors_from_sides(state.augmented) if elastic > 0 else 0.0
-        known: Array = np.asarray((1 - elastic) * reached + elastic * start)
-        return np.asarray(self.tangential(known) + state.rest)
+        return np.asarray((1 - elastic) * reached + elastic * start)
+
+    def moving_operator(self, elastic: float, reached: Array, penalty: float) -> _cpp.GapOperator:
+        """:attr:`operator` with what points move by on facets, and what τ_h leans by. Collective.
+
+        Args:
+            elastic: As for :meth:`known`.
+            reached: Likewise.
+            penalty: γ_t: the trial is τ_h + γ_t g.
+        """
+        if self.state.begun is None or self._normal is None:
+            return self.operator
+        flat = self._reached(elastic, reached) / penalty + self._jump
+        leaning = np.sum(self._normal * flat, axis=1)
+        return self.gap.moving_slip(self.state.begun, leaning)
 
     @property
     def slave(self) -> Surface:
@@ -254,8 +272,12 @@ class Slip:
     @property
     def values(self) -> Array:
         """Slip g of the last evaluation (length), shape (rows, gdim)."""
-        state = self.state
-        return self.tangential(state.jump - state.start - state.until_closed)
+        return self.tangential(self._jump)
+
+    @property
+    def _jump(self) -> Array:
+        """What slip is the tangential part of."""
+        return np.asarray(self.state.jump - self.state.start - self.state.until_closed)
 
     def hold(self, held: npt.NDArray[np.bool_] | None) -> None:
         """Leave out components that conditions hold along the surface, shape (rows, gdim).

@@ -13,7 +13,6 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import (
     Alone,
-    AtRim,
     Found,
     MovingFunctions,
     Places,
@@ -163,6 +162,14 @@ class FacetCutter:
             far=alone.far,
         )
 
+    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
+        """See :class:`Cutter`."""
+        if self.are_own:
+            return None
+        return _cpp.GapOperator(
+            self._slave, self._master, moving=found.of_cutter, weight=alone.weight
+        )
+
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
         return _cpp.GapOperator(
@@ -177,19 +184,15 @@ class FacetCutter:
         self,
         found: Found,
         pressure: Array,
-        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """See :class:`Cutter`; what parts are covered depends on where facets are, too."""
-        pieces = found.of_cutter
-        of_rim = at_rim(-np.asarray(pieces.rim_gaps()), lambda vec: pieces.rim_values(vec.handle))
+        """See :class:`Cutter`."""
         _cpp.insert_curvature_of_points(
             self._master,
-            pieces,
+            found.of_cutter,
             np.ascontiguousarray(pressure),
-            np.ascontiguousarray(of_rim),
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
@@ -201,20 +204,21 @@ class FacetCutter:
         alone: Alone,
         field: PETSc.Vec,
         rest: Array,
-        at_rim: AtRim | None,
+        moves: bool,
         markers: Vecs,
+        turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
-        """See :class:`Cutter`: those of the slave's facets stay there, but for their rims."""
+        """See :class:`Cutter`."""
         if self.are_own:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
-        of_rim: Array = np.zeros(len(pieces.rim_gaps()))
-        if at_rim is not None:
-            gaps = -np.asarray(pieces.rim_gaps())
-            of_rim = at_rim(gaps, lambda vec: pieces.rim_values(vec.handle))
-        rest, of_rim = np.ascontiguousarray(rest), np.ascontiguousarray(of_rim)
-        functions = _cpp.FunctionsOfPieces(pieces, field.handle, rest, of_rim, handles)
+        rest, vectors, component = np.ascontiguousarray(rest), np.zeros((0, 3)), 0
+        if turning is not None:
+            vectors, component = _in_space(turning[0]), turning[1]
+        functions = _cpp.FunctionsOfPieces(
+            pieces, field.handle, rest, moves, handles, vectors, component
+        )
         operator = _cpp.GapOperator(
             self._slave,
             self._master,
@@ -263,29 +267,34 @@ class FacetCutter:
         )
         arc = np.concatenate([np.asarray(slips.arc), np.ones(count)])
         gap = np.concatenate([np.asarray(slips.gap), np.full(count, -alone.far)])
-        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap)
+        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, slips)
+
+    def moving_slip(
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
+    ) -> _cpp.GapOperator:
+        """See :class:`Cutter`."""
+        return _cpp.GapOperator(
+            self._slave,
+            self._master,
+            found.of_cutter,
+            slip.of_cutter,
+            leaning=np.ascontiguousarray(leaning),
+            weight=alone.weight,
+        )
 
     def add_slip_curvature_of_points(
         self,
         found: Found,
         traction: Array,
-        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
         """See :class:`Cutter`."""
-        pieces = found.of_cutter
-        in_space = np.zeros((len(traction), 3))
-        in_space[:, : traction.shape[1]] = traction
-        at_rim = np.zeros((len(pieces.rim_gaps()), 3))
-        for k, vec in enumerate(of_sides):
-            at_rim[:, k] = pieces.rim_values(vec.handle)
         _cpp.insert_slip_curvature_of_points(
             self._master,
-            pieces,
-            in_space,
-            at_rim,
+            found.of_cutter,
+            _in_space(traction),
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
@@ -312,6 +321,13 @@ class FacetCutter:
         if self._measured_at is not places:
             self._put(self._measured, places)
             self._measured_at = places
+
+
+def _in_space(vectors: Array) -> Array:
+    """Vectors with a third component."""
+    out = np.zeros((len(vectors), 3))
+    out[:, : vectors.shape[1]] = vectors
+    return out
 
 
 def _back(now: Array, before: Array) -> Array:

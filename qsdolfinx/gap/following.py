@@ -54,9 +54,6 @@ class Measure:
     vertices: Flags | None = None
 
 
-#: Numbers at points of rims, for their gaps and what gives values of fields of nodes there.
-AtRim = typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array]
-
 
 class NoGapError(ValueError):
     """Facets are where gaps cannot be measured: an iterate of Newton's method has gone too far."""
@@ -102,6 +99,7 @@ class SlipAtPoints(typing.NamedTuple):
         place: Where on the slave's: functions of its vertices, (rows, vertices).
         arc: Way along the surfaces over the slip, which is its chord, (rows,).
         gap: Gap of the same places at the start (length), positive in penetration, (rows,).
+        of_cutter: What else the cutter wants to know of it.
     """
 
     slip: Array
@@ -112,6 +110,7 @@ class SlipAtPoints(typing.NamedTuple):
     place: Array
     arc: Array
     gap: Array
+    of_cutter: typing.Any = None
 
 
 class MovingFunctions(typing.NamedTuple):
@@ -119,8 +118,9 @@ class MovingFunctions(typing.NamedTuple):
 
     Attributes:
         operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
-        mixed: Of each body Σ_p w_p r_p ∂N_k for some numbers r_p: unknowns of the slave that stand
-            for sides of nodes, unknowns of the body, −1 where conditions hold, and values.
+        mixed: Of each body the derivative of Σ_p w_p r_p N_k by the motion of functions and points:
+            unknowns of the slave that stand for sides of nodes, unknowns of the body, −1 where
+            conditions hold, and values.
     """
 
     operator: _cpp.GapOperator
@@ -157,6 +157,9 @@ class Cutter(typing.Protocol):
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Derivative of the gaps of these points, which are its rows. Collective."""
 
+    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
+        """The same with what points move by on their facets; None if they do not. Collective."""
+
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Jump x_slave − x_master at these points, places on the facets staying. Collective."""
 
@@ -164,18 +167,17 @@ class Cutter(typing.Protocol):
         self,
         found: Found,
         pressure: Array,
-        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm). Collective.
+        """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
+
+        To the blocks (ss, sm, ms, mm). Collective.
 
         Args:
             found: What has been found there.
-            pressure: p_p.
-            at_rim: p at other points, for their gaps and what gives values of fields of the sides
-                of nodes there.
+            pressure: p_p, (rows,).
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
             blocks: The matrices.
             scale: Displacement per unknown of both bodies.
@@ -187,8 +189,9 @@ class Cutter(typing.Protocol):
         alone: Alone,
         field: PETSc.Vec,
         rest: Array,
-        at_rim: AtRim | None,
+        moves: bool,
         markers: Vecs,
+        turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
         """How a field of the sides of the slave's nodes moves; None if it does not. Collective.
 
@@ -197,7 +200,9 @@ class Cutter(typing.Protocol):
             alone: Points that see one side of a node each.
             field: The field.
             rest: r_p, (rows,).
-            at_rim: r at other points, as for :meth:`add_curvature_of_points`; None for 0.
+            moves: Whether points move on their facets.
+            turning: Vectors that r_p is this component of, and that stay in the plane of the facet
+                that rays leave, (rows, gdim); None if there are none.
             markers: As for :meth:`add_curvature_of_points`.
         """
 
@@ -206,11 +211,22 @@ class Cutter(typing.Protocol):
     ) -> SlipAtPoints:
         """Slip at these points since everything was at the start. Collective."""
 
+    def moving_slip(
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
+    ) -> _cpp.GapOperator:
+        """Derivative of the slip with what points move by, and −l_p δn. Collective.
+
+        Args:
+            found: What has been found there.
+            slip: The slip there.
+            alone: Points that see one side of a node each.
+            leaning: l_p (length), (rows,).
+        """
+
     def add_slip_curvature_of_points(
         self,
         found: Found,
         traction: Array,
-        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -220,7 +236,6 @@ class Cutter(typing.Protocol):
         Args:
             found: What has been found there.
             traction: τ_p, (rows, gdim).
-            of_sides: Components of τ of the sides of nodes, for the rims; none for no tractions.
             markers: As for :meth:`add_curvature_of_points`.
             blocks: Likewise.
             scale: Likewise.
@@ -293,6 +308,7 @@ class Following:
         self.pair()
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
+        self._moving: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
         #: Sides of owned nodes whose multipliers neighbours carry, (nodes, block); None for none.
@@ -404,11 +420,16 @@ class Following:
         assert self._slip is not None
         return self._slip[2]
 
+    def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> _cpp.GapOperator:
+        """Derivative of that slip with what points move by, see :class:`Cutter`. Collective."""
+        out = self._cutter.moving_slip(last.found, slip, last.alone, leaning)
+        self._constrain(out)
+        return out
+
     def add_slip_curvature_of_points(
         self,
         last: Cut,
         traction: Array,
-        of_sides: Array | None,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
@@ -417,19 +438,13 @@ class Following:
         Args:
             last: The last evaluation.
             traction: τ_p, (rows, gdim).
-            of_sides: τ of the sides of owned nodes, (nodes, block, gdim), for the rims.
             blocks: The matrices (ss, sm, ms, mm).
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        fields = (
-            [] if of_sides is None else [self._vec_of_sides(v) for v in np.moveaxis(of_sides, 2, 0)]
-        )
         self._cutter.add_slip_curvature_of_points(
-            last.found, traction, fields, self._marked, blocks, scale
+            last.found, traction, self._marked, blocks, scale
         )
-        for vec in fields:
-            vec.destroy()
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -439,11 +454,12 @@ class Following:
         self._marked = slave.copy(), None if master is None else master.copy()
         if self._last is not None:
             self._constrain(self._last.operator)
-        if self._jump is not None:
-            self._constrain(self._jump[1])
+        for known in (self._jump, self._moving):
+            if known is not None:
+                self._constrain(known[1])
         if self._slip is not None:
-            self._constrain(self._slip[2].operator)
-            self._constrain(self._slip[2].works)
+            for operator in (self._slip[2].operator, self._slip[2].works):
+                self._constrain(operator)
 
     def _constrain(self, operator: _cpp.GapOperator) -> None:
         if self._marked is not None:
@@ -458,6 +474,16 @@ class Following:
             self._constrain(out)
             self._jump = last, out
         return self._jump[1]
+
+    def moving_gaps(self, last: Cut) -> _cpp.GapOperator:
+        """Derivative of the gaps with what points move by on their facets. Collective."""
+        if self._moving is None or self._moving[0] is not last:
+            out = self._cutter.moving_gaps(last.found, last.alone)
+            if out is None:
+                return last.operator
+            self._constrain(out)
+            self._moving = last, out
+        return self._moving[1]
 
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive when open."""
@@ -486,40 +512,21 @@ class Following:
         self,
         last: Cut,
         pressure: Array,
-        law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array],
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm). Collective.
+        """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
+
+        To the blocks (ss, sm, ms, mm). Collective.
 
         Args:
             last: The last evaluation.
-            pressure: p_p.
-            law: p at other points, for their gaps and what gives values there of fields of the
-                sides of nodes, (nodes, block).
+            pressure: p_p, (rows,).
             blocks: The matrices.
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        self._cutter.add_curvature_of_points(
-            last.found, pressure, self._at_rim(law), self._marked, blocks, scale
-        )
-
-    def _at_rim(
-        self, law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array]
-    ) -> AtRim:
-        """A function of gaps and fields of the sides of nodes, as cutters ask for it."""
-
-        def at_rim(gap: Array, values: typing.Callable[[PETSc.Vec], Array]) -> Array:
-            def of_sides(field: Array) -> Array:
-                vec = self._vec_of_sides(field)
-                out = values(vec)
-                vec.destroy()
-                return out
-
-            return law(gap, of_sides)
-
-        return at_rim
+        self._cutter.add_curvature_of_points(last.found, pressure, self._marked, blocks, scale)
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
         """New vector of values of the sides of owned nodes. Collective."""
@@ -532,7 +539,8 @@ class Following:
         last: Cut,
         field: Array,
         rest: Array,
-        law: typing.Callable[[Array, typing.Callable[[Array], Array]], Array] | None = None,
+        moves: bool,
+        turning: tuple[Array, int] | None = None,
     ) -> MovingFunctions | None:
         """How λ_h moves at the last evaluation; None if it does not. Collective.
 
@@ -540,13 +548,13 @@ class Following:
             last: That evaluation.
             field: λ of the sides of nodes, (nodes, block).
             rest: r_p, (rows,).
-            law: r at rims, as for :meth:`add_curvature_of_points`; None for 0.
+            moves: Whether points move on their facets.
+            turning: As of :class:`Cutter`.
         """
         assert self._marked is not None
         vec = self._vec_of_sides(field)
-        at_rim = None if law is None else self._at_rim(law)
         found = self._cutter.moving_functions(
-            last.found, last.alone, vec, rest, at_rim, self._marked
+            last.found, last.alone, vec, rest, moves, self._marked, turning
         )
         vec.destroy()
         if found is not None:

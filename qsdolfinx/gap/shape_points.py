@@ -13,7 +13,6 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import (
     MOST_TURNED,
     Alone,
-    AtRim,
     Found,
     MovingFunctions,
     Places,
@@ -216,6 +215,10 @@ class ShapePoints:
         points = self._paired(found, alone)
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
 
+    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
+        """See :class:`Cutter`: points are fixed."""
+        return None
+
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
         points = self._paired(found, alone)
@@ -241,8 +244,9 @@ class ShapePoints:
         alone: Alone,
         field: PETSc.Vec,
         rest: Array,
-        at_rim: AtRim | None,
+        moves: bool,
         markers: Vecs,
+        turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`: points are fixed."""
         return None
@@ -276,11 +280,16 @@ class ShapePoints:
         place = np.asarray(points.multiplier_values)
         return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap)
 
+    def moving_slip(
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
+    ) -> _cpp.GapOperator:
+        """See :class:`Cutter`: points are fixed."""
+        return slip.operator
+
     def add_slip_curvature_of_points(
         self,
         found: Found,
         traction: Array,
-        of_sides: typing.Sequence[PETSc.Vec],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -291,7 +300,6 @@ class ShapePoints:
         self,
         found: Found,
         pressure: Array,
-        at_rim: typing.Callable[[Array, typing.Callable[[PETSc.Vec], Array]], Array],
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],

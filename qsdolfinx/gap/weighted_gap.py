@@ -464,20 +464,17 @@ class WeightedGap:
         self,
         traction: Array,
         blocks: typing.Sequence[PETSc.Mat | None],
-        of_sides: Array | None = None,
     ) -> None:
         """Add how forces of friction τ, (rows, gdim), change with τ held. Collective.
 
         Args:
             traction: τ.
             blocks: The matrices (ss, sm, ms, mm).
-            of_sides: τ of the sides of owned nodes, (nodes, block, gdim).
         """
         if self.following is None or self.cut is None:
             return
-        of_nodes = None if of_sides is None else self._share * of_sides
         forces, scale = self._share * traction, self.state.scale
-        self.following.add_slip_curvature_of_points(self.cut, forces, of_nodes, blocks, scale)
+        self.following.add_slip_curvature_of_points(self.cut, forces, blocks, scale)
 
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
@@ -504,52 +501,49 @@ class WeightedGap:
             self.following.constrain(slave, master)
 
     def add_curvature_of_points(
-        self,
-        pressure: Array,
-        law: typing.Callable[[Array, Array], Array],
-        of_sides: Array,
-        blocks: typing.Sequence[PETSc.Mat | None],
+        self, pressure: Array, blocks: typing.Sequence[PETSc.Mat | None]
     ) -> None:
-        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective.
+        """Add how Σ_p w_p p_p ∂g_p changes with p_p held, of gaps that follow.
+
+        To the blocks (ss, sm, ms, mm). Collective.
 
         Args:
             pressure: p_p, (rows,).
-            law: p for gaps and values of λ_h.
-            of_sides: λ of the sides of owned nodes, (nodes, block).
             blocks: The matrices.
         """
         assert self.following is not None and self.cut is not None
-        allowance = self.state.allowance
-
-        def elsewhere(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
-            return self._share * law(gap - values(allowance), values(of_sides))
-
-        scale, force = self.state.scale, self._share * pressure
-        self.following.add_curvature_of_points(self.cut, force, elsewhere, blocks, scale)
+        force, scale = self._share * pressure, self.state.scale
+        self.following.add_curvature_of_points(self.cut, force, blocks, scale)
 
     def moving_functions(
         self,
         of_sides: Array,
         rest: Array,
-        law: typing.Callable[[Array, Array], Array] | None = None,
+        moves: bool,
+        turning: tuple[Array, int] | None = None,
     ) -> MovingFunctions | None:
         """How λ_h moves at the last evaluation; None if it does not. Collective.
 
         Args:
             of_sides: λ of the sides of owned nodes, (nodes, block).
             rest: r_p, see :class:`MovingFunctions`, (rows,).
-            law: r for gaps and values of λ_h, at rims; None for 0.
+            moves: Whether points move on their facets.
+            turning: Vectors that r_p is this component of, less what stays, and that turn with the
+                facets, (rows, gdim); None if there are none.
         """
         if self.following is None or self.cut is None:
             return None
-        allowance = self.state.allowance
+        if turning is not None:
+            turning = self._share * turning[0], turning[1]
+        return self.following.moving_functions(
+            self.cut, of_sides, self._share * rest, moves, turning
+        )
 
-        def elsewhere(gap: Array, values: typing.Callable[[Array], Array]) -> Array:
-            assert law is not None
-            return self._share * law(gap - values(allowance), values(of_sides))
-
-        at_rim = None if law is None else elsewhere
-        return self.following.moving_functions(self.cut, of_sides, self._share * rest, at_rim)
+    def moving_slip(self, start: Places, leaning: Array) -> _cpp.GapOperator:
+        """Derivative of the slip since then with what points move by, and −l_p δn. Collective."""
+        assert self.following is not None and self.cut is not None
+        slip = self.following.slip_at_points(self.cut, start)
+        return self.following.moving_slip(self.cut, slip, leaning)
 
     def fits_pattern(self) -> bool:
         """Whether the blocks of the tangent have room for the last evaluation."""
@@ -561,10 +555,21 @@ class WeightedGap:
         self.state.allowance = allowance
         self.state.values = self.state.values + (before - self.allowance)[:, None]
 
-    def change(self, field: Affine) -> Array:
-        """How ḡ changes when a rigid tool is displaced by this field. Collective."""
+    def moving_operator(self) -> _cpp.GapOperator:
+        """The operator, of gaps that follow with what points move by on facets. Collective."""
+        if self.following is None or self.cut is None:
+            return self.operator
+        return self.following.moving_gaps(self.cut)
+
+    def change(self, field: Affine, operator: _cpp.GapOperator | None = None) -> Array:
+        """How ḡ changes when a rigid tool is displaced by this field. Collective.
+
+        Args:
+            field: The field.
+            operator: What to take in place of :attr:`operator`.
+        """
         r = affine_vec(self.slave, field) if self.tie is None else self.tie.of_tool(field)
-        out = -self.operator.apply(r.handle, 0)
+        out = -(operator or self.operator).apply(r.handle, 0)
         r.destroy()
         return out
 

@@ -352,34 +352,14 @@ class PointConstraints(CondensedRows):
         return np.asarray(self.gamma * at.active[:, None])
 
     def add_curvature(self, at: Normal, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add Σ_p w_p p_p ∂²g_p to the blocks (ss, sm, ms, mm), of gaps that follow. Collective."""
-        of_sides = np.zeros(self.free.shape)
-        if self._has:
-            of_sides = self.on_sides(at.multiplier)
+        """Add how forces change with p_p held, of gaps that follow, to the blocks (ss, sm, ms, mm).
+
+        Collective.
+        """
         found = at.pressure[:, 0]
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
-        self.gap.add_curvature_of_points(found, self._pressure, of_sides, blocks)
-
-    def _pressure(self, gap: Array, functions: Array) -> Array:
-        """Pressure at other points, for their gaps and λ_h there. Collective."""
-        trial: Array = np.asarray(self.part * functions + self.gamma * gap)
-        if self._is_unilateral:
-            return np.maximum(trial, 0.0)
-        penalty = np.full(len(gap), self.model.eps)
-        with collective_errors(self.model.comm):  # the law is the user's
-            shifted = np.asarray(trial[:, None] / self.gamma, dtype=np.float64)
-            return self.gap.law.multiplier(shifted, penalty)[:, 0]
-
-    def _rest_elsewhere(self, gap: Array, functions: Array) -> Array:
-        """The part a of (p − λ_h)/γ (length) of other points, likewise. Collective."""
-        change = self._pressure(gap, functions) - functions
-        return np.asarray(self.part / self.gamma * change)
-
-    def _rest(self, at: Normal) -> Array:
-        """The part a of (p_p − λ_h)/γ (length), (points,). Collective."""
-        change = at.pressure - self.at_points(at.multiplier)
-        return np.asarray(self.part / self.gamma * change[:, 0])
+        self.gap.add_curvature_of_points(found, blocks)
 
     def moving(self, at: Normal) -> MovingFunctions | None:
         """How λ_h moves along facets, of gaps that follow; None if it does not. Collective.
@@ -391,9 +371,9 @@ class PointConstraints(CondensedRows):
             return None
         known = self._moving
         if known is None or known[0] is not at.pressure:
-            of_sides = self.on_sides(at.multiplier)
-            law = None if self.far else self._rest_elsewhere
-            found = self.gap.moving_functions(of_sides, self._rest(at), law)
+            change = at.pressure - self.at_points(at.multiplier)
+            rest = np.asarray(self.part / self.gamma * change[:, 0])
+            found = self.gap.moving_functions(self.on_sides(at.multiplier), rest, not self.far)
             self._moving = known = at.pressure, found
         return known[1]
 

@@ -233,12 +233,7 @@ class Derivative:
             assert isinstance(p.rows.condensed, PointConstraints)
             p.rows.condensed.add_curvature(e.normal, given(s, m))
             if p.slip is not None and e.tangential is not None:
-                friction, of_sides = p.rows.condensed_friction, None
-                is_near = p.rows.condensed is not None and not p.rows.condensed.far
-                if friction is not None and is_near:
-                    of_sides = friction.on_sides(e.tangential.multiplier)
-                    of_sides = of_sides.reshape(friction.free.shape)
-                p.gap.add_slip_curvature(e.tangential.traction, given(s, m), of_sides)
+                p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
         for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
             if contact.coupling is not None:
                 ss, sm, ms, mm = given(*sides)
@@ -337,12 +332,20 @@ class Derivative:
         if p.rows not in self._of_gaps:
             friction, slips = p.rows.condensed_friction, None
             change = (None, None) if p.tool is None else self._tools.changes(p)
-            gaps = self._gaps(p, p.gap.operator, change[0])
+            gap = self._gaps(p, p.gap.operator, change[0])
+            gaps = gap, gap
+            moves = not rows.far and p.gap.following is not None
+            if moves and (moving := p.gap.moving_operator()) is not p.gap.operator:
+                by_tool = None if p.tool is None else self._tools.moved_gaps(p, moving)
+                gaps = gap, self._gaps(p, moving, by_tool)
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
             if friction is not None and p.slip is not None:
-                slip = self._gaps(p, p.slip.operator, change[1])
-                works = p.slip.works is not p.slip.operator
+                operator = p.slip.operator
+                if moves and tangential is not None:
+                    operator = friction.moving_operator(tangential)
+                slip = self._gaps(p, operator, change[1])
+                works = p.slip.works is not operator
                 slips = self._gaps(p, p.slip.works, change[1]) if works else slip, slip
             numbers = own, of_slip
             moving = self._moving(p, rows, at, tangential)
@@ -359,7 +362,7 @@ class Derivative:
         found, friction = rows.moving(at), p.rows.condensed_friction
         out = [] if found is None else [(0, self._moved(p, found))]
         if friction is not None and tangential is not None:
-            of_slips = friction.moving(tangential) or []
+            of_slips = friction.moving(tangential, not rows.far) or []
             out += [(1 + k, self._moved(p, of)) for k, of in enumerate(of_slips)]
         return out
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import motion
 from qsdolfinx.gap.following import MovingFunctions
 from qsdolfinx.surface.affine import Affine, affine_vec
@@ -90,6 +91,11 @@ class DrivenTools:
         if not self.are_turning:
             return np.zeros(len(self.tools))
         return self._work_of([tool.driven_curvature for tool in self.tools], at.passes)
+
+    def moved_gaps(self, p: Pass, operator: _cpp.GapOperator) -> Array:
+        """How gaps change when a driven tool moves, (rows, 1), by an operator. Collective."""
+        assert p.tool is not None
+        return p.gap.change(self.tools[p.tool].driven_motion, operator)
 
     def moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
         """How λ_h changes at the rows when a driven tool moves, (rows, 1). Collective."""

@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
@@ -265,22 +266,30 @@ class PointFriction:
         """∂τ/∂p where there is any pressure, (points, gdim)."""
         return np.asarray((at.told.pressure > 0)[:, None] * at.response.coupling)
 
-    def moving(self, at: Tangential) -> list[MovingFunctions] | None:
+    def moving(self, at: Tangential, moves: bool) -> list[MovingFunctions] | None:
         """How each component of τ_h moves along facets; None if it does not. Collective.
 
         Args:
             at: The points, at the last evaluation.
+            moves: Whether points move on their facets.
         """
         gap = self.slip.gap
         if not self.has_unknowns or gap.following is None:
             return None
         of_sides = self.on_sides(at.multiplier).reshape(self.free.shape)
-        rest = (at.traction - self.seen(at.multiplier)) / self.gamma
+        turning = at.traction / self.gamma
+        rest = turning - self.seen(at.multiplier) / self.gamma
         found = [
-            gap.moving_functions(np.ascontiguousarray(of_sides[:, :, k]), np.asarray(rest[:, k]))
+            gap.moving_functions(
+                np.ascontiguousarray(of_sides[:, :, k]), rest[:, k], moves, (turning, k)
+            )
             for k in range(self._gdim)
         ]
         return None if None in found else [one for one in found if one is not None]
+
+    def moving_operator(self, at: Tangential) -> _cpp.GapOperator:
+        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective."""
+        return self.slip.moving_operator(self.elastic, self.seen(at.multiplier), self.gamma)
 
     def softened(self) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""

@@ -90,7 +90,7 @@ class GapMatrices:
     Args:
         rows: The rows.
         friction: Friction at these points; None without.
-        gaps: G.
+        gaps: G that forces are of, and that of what gaps change by.
         slips: What friction works on, and J, a row for each component; None without friction.
         numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
         num_local: Unknowns of this rank.
@@ -103,7 +103,7 @@ class GapMatrices:
         self,
         rows: CondensedRows,
         friction: PointFriction | None,
-        gaps: Gaps,
+        gaps: tuple[Gaps, Gaps],
         slips: tuple[Gaps, Gaps] | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
@@ -128,14 +128,14 @@ class GapMatrices:
             self._all = self._all_left = self._sum([*of_nodes, *of_slips], [])
             if in_rows:
                 self._all = self._sum([*of_nodes, *of_slips], in_rows)
-        self._right = self._stacked(gaps, slips, (of_nodes, of_slips), in_rows, 1 - elastic)
+        self._right = self._stacked(gaps[1], slips, (of_nodes, of_slips), in_rows, 1 - elastic)
         #: B of what forces work on, the same object if that is B.
         self._left = self._right
-        differ = slips is not None and slips[0] is not slips[1]
-        scaled = gaps.are_scaled or (slips is not None and slips[1].are_scaled)
+        differ = gaps[0] is not gaps[1] or (slips is not None and slips[0] is not slips[1])
+        scaled = gaps[0].are_scaled or (slips is not None and slips[1].are_scaled)
         if differ or scaled or in_rows or elastic:
             of_forces = None if slips is None else (slips[0], slips[0])
-            self._left = self._stacked(gaps, of_forces, (of_nodes, of_slips), [], 1.0, False)
+            self._left = self._stacked(gaps[0], of_forces, (of_nodes, of_slips), [], 1.0, False)
 
     def functions(self) -> PETSc.Mat:
         """Matrix a N E of λ, which stays this object's. Collective."""

@@ -260,13 +260,20 @@ def test_works(kind):
 
 @kinds
 def test_slip_hessian(kind):
-    """The derivative of the work of tractions, which has no potential."""
+    """The derivative of the work of tractions in the plane of the facet, which turn with it."""
     pair = Pair(kind)
+
+    def in_plane(x):
+        n = pair.normal(x)
+        return pair.tractions - np.outer(pair.tractions @ n, n)
+
+    pair.tractions = in_plane(pair.x)
     hessian = pair.slip_hessian(pair.x)
-    force = pair.weight[:, None] * pair.tractions
-    expected = pair.differences(
-        lambda x: np.einsum("pr,pjrc->jc", force, pair.slip(x)[3]), 1e-5
-    ).reshape(hessian.shape)
+
+    def forces(x):
+        return np.einsum("p,pr,pjrc->jc", pair.weight, in_plane(x), pair.slip(x)[3])
+
+    expected = pair.differences(forces, 1e-5).reshape(hessian.shape)
     assert np.abs(hessian).max() > 0.02
     assert np.abs(hessian - expected).max() < 1e-7 * np.abs(hessian).max()
 

@@ -67,9 +67,9 @@ class Pass:
         force = weight * np.asarray(operator.at_points(at_nodes.handle))
         operator.add_transpose(force[:, None].copy(), *(v.handle for v in vecs))
         free = [PETSc.Vec().createSeq(n) for n in self.sizes]
-        rest = np.zeros(len(weight)), np.zeros(len(self.pieces.rim_gaps()))
+        rest = np.zeros(len(weight)), False
         functions = _cpp.FunctionsOfPieces(
-            self.pieces, at_nodes.handle, *rest, [v.handle for v in free]
+            self.pieces, at_nodes.handle, *rest, [v.handle for v in free], np.zeros(0), 0
         )
         moving = _cpp.GapOperator(
             *self.still, points_of=self.pieces, functions=functions, weight=none

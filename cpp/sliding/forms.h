@@ -1,0 +1,260 @@
+// Linear forms at rays: what all derivatives of gaps and slips are made of. No MPI.
+#pragma once
+
+#include "geometry/facet.h"
+#include "sliding/ray.h"
+
+#include <algorithm>
+#include <array>
+#include <span>
+
+namespace qsdolfinx::forms
+{
+
+// With p = x_y(ξ) on the facet y that is cut, and z the other one, a ray is x_z(ζ) = p + t n. Its
+// variation is J (δt, δζ) = v with J = [−n, a₁, a₂], a_α = ∂x_z/∂ζ_α, and
+//
+//   v = Σ T_i δy_i + t δn − Σ M_j δz_j,
+//
+// which vanishes for rigid motions. All first variations are linear forms c·v of v.
+
+using Vec2 = std::array<double, 2>;
+
+inline constexpr int max_columns = 2 * 3 * max_trace;
+
+/// A linear form in the components of all nodes, which come first.
+using Row = std::array<double, max_columns>;
+
+inline void add(double* to, double s, const Vec3& a)
+{
+  for (int i = 0; i < 3; ++i)
+    to[i] += s * a[i];
+}
+
+/// Where the columns of both facets are.
+struct Columns
+{
+  explicit Columns(const RayPair& pair)
+      : num_cut(pair.cut.num_nodes()), num_other(pair.other.num_nodes()),
+        cut(pair.cut_is_slave ? 0 : num_other), other(pair.cut_is_slave ? num_cut : 0),
+        along(pair.along_other ? other : cut)
+  {
+  }
+  int size() const { return 3 * (num_cut + num_other); }
+
+  int num_cut, num_other; ///< nodes
+  int cut, other;         ///< the first node of each
+  int along;              ///< of the one whose normal rays go along
+};
+
+/// Unit normal n = s/|s| of a facet, s = f d₁ × d₂, where d₁ and d₂ are sums of its vertices. In 2D
+/// d₂ is the third axis.
+class Normal
+{
+public:
+  explicit Normal(const RayFacet& facet) : num_vertices_(facet.num_vertices())
+  {
+    const auto vertex = [&](int i) { return facet_vertex(facet.x, i); };
+    const auto difference = [&](std::array<double, 4>& signs, int a, int b)
+    {
+      signs[a] = -1;
+      signs[b] = 1;
+      return vertex(b) - vertex(a);
+    };
+    const bool quadrilateral = facet.type == FacetType::quadrilateral;
+    factor_ = quadrilateral ? 0.5 * facet.orientation : facet.orientation;
+    d1_ = difference(signs1_, 0, quadrilateral ? 3 : 1);
+    if (facet.type != FacetType::interval)
+      d2_ = difference(signs2_, quadrilateral ? 1 : 0, 2);
+    const Vec3 s = factor_ * cross(d1_, d2_);
+    length_ = norm(s);
+    n_ = 1 / length_ * s;
+  }
+
+  int num_vertices() const { return num_vertices_; }
+  double length() const { return length_; }
+  const Vec3& n() const { return n_; }
+
+  /// (c − n (n·c)) / |s|: c·δn is its product with δs.
+  Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
+
+  /// Add the gradient of k·s for a constant k. @param to first vertex @param stride to the next one
+  void add_area(const Vec3& k, double* to, int stride = 3) const
+  {
+    const Vec3 first = factor_ * cross(d2_, k), second = factor_ * cross(k, d1_);
+    for (int i = 0; i < num_vertices_; ++i)
+    {
+      add(to + i * stride, signs1_[i], first);
+      add(to + i * stride, signs2_[i], second);
+    }
+  }
+
+  /// Add the gradient of c·n for a constant c.
+  void add_to(const Vec3& c, double* to, int stride = 3) const { add_area(across(c), to, stride); }
+
+  /// Add a matrix whose sum with its transpose is that of k·∂²s. @param to first vertex, first
+  /// column @param size length of a row
+  void add_half_curvature(const Vec3& k, double* to, int size) const
+  {
+    const Vec3 scaled = factor_ * k;
+    const auto [x, y, z] = scaled;
+    const std::array<Vec3, 3> K{{{0, z, -y}, {-z, 0, x}, {y, -x, 0}}};
+    for (int i = 0; i < num_vertices_; ++i)
+      for (int j = 0; j < num_vertices_; ++j)
+        for (int r = 0; r < 3; ++r)
+          add(to + (3 * i + r) * size + 3 * j, signs1_[i] * signs2_[j], K[r]);
+  }
+
+private:
+  int num_vertices_;
+  double factor_, length_;
+  std::array<double, 4> signs1_{}, signs2_{};
+  Vec3 d1_, d2_{0, 0, 1}, n_;
+};
+
+/// Rows of J⁻¹. In 2D nothing moves along the third axis: its ζ is left out.
+struct Inverse
+{
+  Inverse(const Vec3& n, const std::array<Vec3, 2>& a, bool plane)
+  {
+    const Vec3 area = cross(a[0], a[1]);
+    const double scale = -1 / dot(n, area);
+    t = scale * area;
+    zeta[0] = scale * cross(n, a[1]);
+    if (!plane)
+      zeta[1] = scale * cross(a[0], n);
+  }
+
+  Vec3 t;
+  std::array<Vec3, 2> zeta{};
+};
+
+/// Tangents of a facet, in 2D the second one along the third axis.
+inline std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
+                             const std::array<Vec2, max_trace>& gradients)
+{
+  std::array<Vec3, 2> a{};
+  for (int j = 0; j < facet.num_nodes(); ++j)
+  {
+    const Vec3 x = facet_vertex(facet.x, j) - origin;
+    for (int d = 0; d < 2; ++d)
+      add(a[d].data(), gradients[j][d], x);
+  }
+  if (facet.type == FacetType::interval)
+    a[1] = {0, 0, 1};
+  return a;
+}
+
+inline Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
+{
+  const auto N = trace_functions(facet.type, facet.degree, xi);
+  Vec3 x{};
+  for (int i = 0; i < facet.num_nodes(); ++i)
+    add(x.data(), N[i], facet_vertex(facet.x, i) - origin);
+  return x;
+}
+
+/// What is needed at a ray that has been found.
+struct Ray
+{
+  Ray(const RayPair& pair, const Normal& normal, const RayPoint& point)
+      : T(trace_functions(pair.cut.type, pair.cut.degree, point.xi)),
+        M(trace_functions(pair.other.type, pair.other.degree, point.zeta)),
+        dM(trace_gradients(pair.other.type, pair.other.degree, point.zeta)),
+        a(tangents(pair.other, facet_vertex(pair.other.x, 0), dM)),
+        A(normal.n(), a, pair.other.type == FacetType::interval), t(point.t), weight(point.weight)
+  {
+  }
+
+  /// The c of w p ∂g = c·v. @param pressure w p @param slope of w p h by ζ, see Pressure
+  Vec3 of_gap(double pressure, const Vec2& slope) const
+  {
+    return slope[0] * A.zeta[0] + slope[1] * A.zeta[1] - pressure * A.t;
+  }
+
+  /// Add the form c·v but for the turning of the normal, which adds t c·δn.
+  void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
+  {
+    for (int i = 0; i < columns.num_cut; ++i)
+      add(row + (columns.cut + i) * stride, T[i], c);
+    for (int j = 0; j < columns.num_other; ++j)
+      add(row + (columns.other + j) * stride, -M[j], c);
+  }
+
+  /// The form c·v.
+  Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
+  {
+    Row row;
+    std::fill_n(row.begin(), columns.size(), 0.0);
+    add_to(columns, c, row.data());
+    normal.add_to(t * c, &row[3 * columns.along]);
+    return row;
+  }
+
+  std::array<double, max_trace> T, M;
+  std::array<Vec2, max_trace> dM;
+  std::array<Vec3, 2> a;
+  Inverse A;
+  double t, weight;
+};
+
+/// A ray, and how what is known of it changes with ξ.
+class RayByXi
+{
+public:
+  RayByXi(const RayPair& pair, const Normal& normal, const Columns& columns, const RayPoint& point)
+      : ray(pair, normal, point), pair_(pair), normal_(normal), columns_(columns),
+        dT_(trace_gradients(pair.cut.type, pair.cut.degree, point.xi))
+  {
+    const Vec3 origin = facet_vertex(pair.other.x, 0);
+    const auto along = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT_);
+    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
+    for (int a = 0; a < 2; ++a)
+    {
+      dt[a] = dot(ray.A.t, along[a]);
+      dzeta[a] = {dot(ray.A.zeta[0], along[a]), dot(ray.A.zeta[1], along[a])};
+      for (int j = 0; j < columns.num_other; ++j)
+      {
+        const Vec3 x = facet_vertex(pair.other.x, j) - origin;
+        const auto& [d11, d12, d22] = ddM[j];
+        add(da[a][0].data(), d11 * dzeta[a][0] + d12 * dzeta[a][1], x);
+        add(da[a][1].data(), d12 * dzeta[a][0] + d22 * dzeta[a][1], x);
+      }
+    }
+  }
+
+  /// How a row A of J⁻¹ changes with ξ_α.
+  Vec3 change_of(const Vec3& A, int alpha) const
+  {
+    return -1 * (dot(A, da[alpha][0]) * ray.A.zeta[0] + dot(A, da[alpha][1]) * ray.A.zeta[1]);
+  }
+
+  /// How the form c·v changes with ξ_α. @param dc how c does
+  Row form(const Vec3& c, const Vec3& dc, int alpha) const
+  {
+    Row out = ray.form(columns_, normal_, dc);
+    for (int i = 0; i < columns_.num_cut; ++i)
+      add(&out[3 * (columns_.cut + i)], dT_[i][alpha], c);
+    for (int j = 0; j < columns_.num_other; ++j)
+      add(&out[3 * (columns_.other + j)],
+          -ray.dM[j][0] * dzeta[alpha][0] - ray.dM[j][1] * dzeta[alpha][1], c);
+    normal_.add_to(dt[alpha] * c, &out[3 * columns_.along]);
+    return out;
+  }
+
+  Ray ray;
+  Vec2 dt;
+  std::array<Vec2, 2> dzeta;               ///< [α]
+  std::array<std::array<Vec3, 2>, 2> da{}; ///< of tangents, [α][β]
+
+private:
+  const RayPair& pair_;
+  const Normal& normal_;
+  const Columns& columns_;
+  std::array<Vec2, max_trace> dT_;
+};
+
+/// Number of coordinates on facets.
+inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
+
+} // namespace qsdolfinx::forms
