@@ -213,6 +213,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "raise_facets",
           [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
           "normals"_a, "Let facets before vertices stand for a curved surface; collective.")
+      .def_rw("areas_follow", &Pieces::areas_follow,
+              "Whether areas are measured where facets are, and follow these in derivatives.")
       .def_prop_rw(
           "rise", [](const Pieces& p) { return copy(p.rise, {p.rise.size()}); },
           [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },

@@ -440,8 +440,9 @@ struct ShapeValues
   }
 };
 
-/// Distance from each other, over the size of a facet, of edges and vertices that coincide.
-constexpr double coincident_tolerance = 1e-10;
+/// Distance from each other, over the size of a facet, of edges and vertices that coincide: a
+/// little more than `intersect` leaves beside an edge.
+constexpr double coincident_tolerance = 4e-9;
 
 /// Cuts the facets of one surface along those of another.
 class Overlay
@@ -1030,6 +1031,7 @@ Pieces no_pieces(const Surface& slave, const Surface& master)
     throw std::invalid_argument("scalar fields have no gaps that follow the bodies");
   Pieces out;
   out.gdim = slave.gdim();
+  out.axisymmetric = slave.axisymmetric();
   out.num_multipliers = slave.num_vertices();
   out.slave = side(slave);
   out.master = side(master);

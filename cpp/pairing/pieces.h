@@ -39,6 +39,7 @@ struct Pieces
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::uint8_t> is_missed;       ///< whether a ray meets no point, [piece]
+  bool areas_follow = false, axisymmetric = false; ///< as in PieceShape
   // Of facets that were cut; empty of vertices.
   std::vector<std::size_t> corner_end; ///< corners of a piece, as points
   std::vector<PieceCorner> corners;
@@ -64,7 +65,7 @@ struct Pieces
     if (corner_end.empty())
       return {};
     return {part_of(std::span(corners), corner_end, piece),
-            part_of(std::span(places), end, piece)};
+            part_of(std::span(places), end, piece), areas_follow, axisymmetric};
   }
 
 private:

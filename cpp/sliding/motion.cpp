@@ -14,10 +14,14 @@ using namespace qsdolfinx::forms;
 //
 //   δξ = (∂q/∂ξ)⁻¹ (V − U),   δ ln w = div V − div U − (∂ ln J/∂ξ)·δξ + (∂ ln S/∂ξ)·δξ,
 //
-// J being the area per reference area now, and S where areas are measured.
+// J being the area per reference area now, and S where areas are measured; and where that is where
+// facets are, δ ln S at a place that stays is added.
 
 namespace
 {
+/// Part of a facet below which a triangle's corners coincide but for rounding.
+constexpr double flat = 1e-9;
+
 using Matrix2 = std::array<Vec2, 2>;
 
 /// Vertices of a facet in the plane of the one that is cut, and how they move there.
@@ -57,7 +61,7 @@ class Motion
 {
 public:
   Motion(const RayPair& pair, const PieceShape& shape)
-      : shape_(shape), type_(pair.cut.type), dim_(dim_of(pair)), columns_(pair),
+      : cut_(pair.cut), shape_(shape), type_(pair.cut.type), dim_(dim_of(pair)), columns_(pair),
         size_(columns_.size()),
         planar_(type_, vertices_of(pair.cut), Frame(type_, vertices_of(pair.cut)))
   {
@@ -66,6 +70,7 @@ public:
     const InPlane cut(pair.cut, frame, normal, columns_.cut, columns_.along, size_, dim_),
         other(pair.other, frame, normal, columns_.other, columns_.along, size_, dim_);
     vertices_ = cut.q;
+    least_area_ = flat * std::abs(cross(cut.q[1] - cut.q[0], cut.q[2] - cut.q[0]));
     for (const PieceCorner& corner : shape.corners)
       append_corner(corner, cut, other);
     const bool has_middle
@@ -89,6 +94,11 @@ public:
                  const Row& by_weight)
   {
     const auto [slots, inverse, growth] = moves_with(p, point);
+    if (shape_.areas_follow)
+    {
+      left_.push_back(by_weight);
+      velocity_.push_back(area_growth(point));
+    }
     for (int a = 0; a < dim_; ++a)
       for (int i = 0; i < size_; ++i)
         by_xi[a][i] += growth[a] * by_weight[i];
@@ -110,6 +120,11 @@ public:
     const auto [slots, inverse, growth] = moves_with(p, point);
     const auto n = static_cast<std::size_t>(size_);
     std::ranges::fill(out, 0.0);
+    if (shape_.areas_follow)
+    {
+      const Row grows = area_growth(point);
+      std::copy_n(grows.begin(), n, out.subspan(2 * n).begin());
+    }
     for (const Slot& slot : slots)
       for (int d = 0; d < dim_; ++d)
       {
@@ -147,6 +162,30 @@ private:
     double value;
     Vec2 gradient;
   };
+
+  /// δ ln S at a place that stays on the facet.
+  Row area_growth(const RayPoint& point) const
+  {
+    Row out{};
+    const auto dN = trace_gradients(type_, 1, point.xi);
+    const auto N = shape_functions(type_, point.xi);
+    const RayFacet chord{type_, 1, vertices_of(cut_), cut_.orientation};
+    const Vec3 origin = facet_vertex(cut_.x, 0);
+    const auto t = forms::tangents(chord, origin, dN);
+    const Vec3 s = cross(t[0], t[1]);
+    const double square = dot(s, s), r = point_of(chord, Vec3{}, point.xi)[0];
+    const Vec3 first = (1 / square) * cross(t[1], s), second = (1 / square) * cross(s, t[0]);
+    for (int i = 0; i < cut_vertices(); ++i)
+    {
+      double* at = &out[3 * (columns_.cut + i)];
+      add(at, dN[i][0], first);
+      if (dim_ == 2)
+        add(at, dN[i][1], second);
+      if (shape_.axisymmetric)
+        at[0] += N[i] / r;
+    }
+    return out;
+  }
 
   /// @returns what moves a point, (∂q/∂ξ)⁻¹, and ∂ ln(S/J)/∂ξ
   std::tuple<std::vector<Slot>, Matrix2, Vec2> moves_with(std::size_t p, const RayPoint& point) const
@@ -240,6 +279,8 @@ private:
           middle = middle + part * its;
           area += part;
         });
+    if (area <= least_area_) // all corners are at one place, or on one line
+      return append(q_[around[0]], {velocity_[2 * around[0]], velocity_[2 * around[0] + 1]});
     middle = (1 / area) * middle;
     std::array<Row, 2> out;
     for (Row& row : out)
@@ -286,7 +327,7 @@ private:
       return {{1 - x, x, 0}, {Vec2{-slope, 0}, Vec2{slope, 0}, Vec2{0, 0}}};
     }
     const Vec2 s = b - a, t = q_[slot(place.corner[2])] - a;
-    const double scale = 1 / cross(s, t);
+    const double area = cross(s, t), scale = area > least_area_ ? 1 / area : 0;
     const Vec2 of_b{scale * t[1], -scale * t[0]}, of_c{-scale * s[1], scale * s[0]};
     return {{1 - x - y, x, y}, {-1 * (of_b + of_c), of_b, of_c}};
   }
@@ -320,6 +361,7 @@ private:
     return {scale * cross(t[0], twist), scale * cross(twist, t[1])};
   }
 
+  const RayFacet& cut_;
   const PieceShape& shape_;
   FacetType type_;
   int dim_;
@@ -327,6 +369,7 @@ private:
   int size_;
   PlanarFacet planar_;
   std::array<Vec2, 4> vertices_{}; ///< of the facet that is cut
+  double least_area_ = 0;          ///< of a triangle that is not flat
   std::vector<Vec2> q_;            ///< of corners, and of the middle
   std::vector<Row> velocity_;      ///< of these, and of the facet's vertices, [slot][direction]
   std::vector<Row> left_;          ///< what multiplies that, likewise

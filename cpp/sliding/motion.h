@@ -38,6 +38,8 @@ struct PieceShape
 {
   std::span<const PieceCorner> corners; ///< anticlockwise; none if points do not move
   std::span<const PointPlace> places;   ///< of its points
+  bool areas_follow = false;            ///< whether areas are measured where facets are
+  bool axisymmetric = false;            ///< whether areas are those of rings
 };
 
 /// How points move: δξ₁, δξ₂ and δ ln w by the nodes of both. @param out [point][3][node][3]

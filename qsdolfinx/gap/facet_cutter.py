@@ -148,6 +148,7 @@ class FacetCutter:
         if pieces is None:
             self._put(self._moving, places)
             pieces = self._finder.pieces(self._moving, self._measured, vertices)
+        pieces.areas_follow = all(map(np.array_equal, places, measured))
         self._known = Known(places, measured, vertices, pieces)
         return pieces
 

@@ -74,6 +74,7 @@ class Points(typing.NamedTuple):
         distance: From the tool, (facets, points).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
+        places: Of the slave's facets where areas are measured at these; None where elsewhere.
     """
 
     x: Array
@@ -81,6 +82,7 @@ class Points(typing.NamedTuple):
     distance: Array
     weight: Array
     position: Array
+    places: Array | None
 
 
 class ShapePoints:
@@ -139,6 +141,26 @@ class ShapePoints:
         if self._slave.gdim == 2:
             return np.stack([a[..., 1], -a[..., 0], 0 * a[..., 0]], axis=-1)
         return np.cross(a, tangents[:, :, 1])
+
+    def _area_growth(self, x: Array) -> Array:
+        """Gradient of the logarithm of :meth:`_areas` by the vertices.
+
+        Shape (facets, points, vertices, gdim).
+        """
+        nv, gdim = self._slave.num_facet_vertices, self._slave.gdim
+        tangents = np.einsum("pvi,fvd->fpid", self._dN, x[:, :nv])
+        if gdim == 2:
+            tangents[:, :, 1] = 0.0, 0.0, 1.0
+        a, b = tangents[:, :, 0], tangents[:, :, 1]
+        s = np.cross(a, b)
+        s /= np.sum(s * s, axis=2, keepdims=True)
+        out = np.einsum("pv,fpd->fpvd", self._dN[:, :nv, 0], np.cross(b, s))
+        if gdim == 3:
+            out += np.einsum("pv,fpd->fpvd", self._dN[:, :nv, 1], np.cross(s, a))
+        if self._slave.axisymmetric:
+            r = np.einsum("pv,fv->fp", self._N, x[:, :nv, 0])
+            out[..., 0] += self._N / r[:, :, None]
+        return np.asarray(out[..., :gdim])
 
     def _areas(self, x: Array) -> Array:
         """Areas that the points stand for, (facets, points)."""
@@ -208,7 +230,9 @@ class ShapePoints:
             opposite &= np.sum(outward * normal, axis=2) < 0
         weight = np.where(opposite, self._weights(measured[0], vertices), 0.0)
         cover = sums_of_sides(self._slave, self._dofs.ravel(), (weight @ self._N).ravel())
-        return Found(cover, Points(x, normal, distance, weight, places[1]))
+        follow = self._corners is None and np.array_equal(places[0], measured[0])
+        at = places[0] if follow else None
+        return Found(cover, Points(x, normal, distance, weight, places[1], at))
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -339,6 +363,10 @@ class ShapePoints:
         bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
         bent = bent.reshape(len(some), len(self._w), 3, 3)[..., :gdim, :gdim]
         H = np.einsum("fp,pi,pj,fpab->fiajb", -force[some], self._T, self._T, bent) * scale[0]
+        if points.places is not None:
+            grows, n = self._area_growth(points.places[some]), points.normal[some][..., :gdim]
+            of_areas = np.einsum("fp,pi,fpa,fpjb->fiajb", -force[some], self._T, n, grows)
+            H[:, :, :, : grows.shape[2]] += scale[0] * of_areas
         width = dofs[0].size if len(dofs) else 0
         for f, of_facet in zip(some, H, strict=True):
             at = dofs[f].ravel()
