@@ -32,6 +32,14 @@ Rule rule(const In<double>& x, const In<double>& w)
   return out;
 }
 
+/// Rows, columns and values.
+nb::tuple entries(ByNormals&& found)
+{
+  const std::size_t n = found.value.size();
+  return nb::make_tuple(copy(std::move(found.row), {n}), copy(std::move(found.column), {n}),
+                        copy(std::move(found.value), {n}));
+}
+
 /// Relief of a surface from its parts. @throws nb::value_error if heights are of another shape
 Relief relief(const Surface& surface, int lift, bool known, const In<double>& heights)
 {
@@ -215,6 +223,19 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "normals"_a, "Let facets before vertices stand for a curved surface; collective.")
       .def_rw("areas_follow", &Pieces::areas_follow,
               "Whether areas are measured where facets are, and follow these in derivatives.")
+      .def(
+          "gaps_by_normals", [](const Pieces& p) { return entries(gaps_by_normals(p)); },
+          "Derivatives of gaps by the normals that facets are raised with: points, unknowns that "
+          "stand for components of normals, values.")
+      .def(
+          "forces_by_normals",
+          [](const Pieces& p, In<double> stress, bool slips)
+          {
+            auto [slave, master] = forces_by_normals(p, stress.view(), slips);
+            return nb::make_tuple(entries(std::move(slave)), entries(std::move(master)));
+          },
+          "stress"_a, "slips"_a,
+          "The same of forces of pressures or tractions, on both bodies; rows are unknowns.")
       .def_prop_rw(
           "rise", [](const Pieces& p) { return copy(p.rise, {p.rise.size()}); },
           [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },

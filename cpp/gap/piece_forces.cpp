@@ -1,8 +1,10 @@
 #include "gap/piece_forces.h"
 #include "parallel/petsc.h"
+#include "sliding/rise.h"
 #include "surface/surface.h"
 
 #include <algorithm>
+#include <stdexcept>
 #include <utility>
 
 using namespace qsdolfinx;
@@ -31,12 +33,12 @@ std::vector<double> qsdolfinx::values_at(Vec x, std::span<const std::int64_t> do
 
 void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
 {
-  const bool of_master = pieces.size() == 0 || pieces.cut_is_slave[0];
-  const PieceSide& side = of_master ? pieces.master : pieces.slave;
+  const PieceSide& side = raised_side(pieces);
   const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
              nodes = static_cast<std::size_t>(side.num_nodes);
   const std::vector<double> values = values_at(normals, side.dofs);
   pieces.rise.assign(pieces.size() * n * n, 0.0);
+  pieces.rise_normal.assign(pieces.size() * n * 3, 0.0);
   for (std::size_t p = 0; p < pieces.size(); ++p)
   {
     const auto x = side.x_of(p).first(3 * n);
@@ -48,6 +50,7 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
       std::copy_n(&values[(p * nodes + i) * d], d, m.begin());
       if (!(dot(m, outward) > smooth_cosine)) // where it is none, or the surface turns sharply
         continue;
+      std::copy_n(m.begin(), 3, pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));
       for (std::size_t j = 0; j < n; ++j)
         if (j != i && (n < 4 || i + j != 3)) // along edges
         {
@@ -57,6 +60,72 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
         }
     }
   }
+}
+
+const PieceSide& qsdolfinx::raised_side(const Pieces& pieces)
+{
+  return pieces.size() == 0 || pieces.cut_is_slave[0] ? pieces.master : pieces.slave;
+}
+
+ByNormals qsdolfinx::gaps_by_normals(const Pieces& pieces)
+{
+  const PieceSide& side = raised_side(pieces);
+  const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
+             nodes = static_cast<std::size_t>(side.num_nodes);
+  ByNormals out;
+  std::vector<double> by_nodes, by_normals;
+  std::size_t row = 0;
+  for (std::size_t i = 0; i < pieces.size() && !pieces.rise.empty(); ++i)
+  {
+    const RayPair pair = pair_of(pieces, i);
+    const auto points = pieces.points_of(i);
+    by_nodes.assign(points.size() * 3 * static_cast<std::size_t>(pair.num_nodes()), 0.0);
+    by_normals.assign(points.size() * 3 * n, 0.0);
+    add_gaps_by_rise(pair, points, by_nodes, by_normals);
+    for (std::size_t p = 0; p < points.size(); ++p, ++row)
+      for (std::size_t k = 0; k < n; ++k)
+        for (std::size_t c = 0; c < d; ++c)
+          out.append(static_cast<std::int64_t>(row), side.dofs[(i * nodes + k) * d + c],
+                     by_normals[3 * (p * n + k) + c]);
+  }
+  return out;
+}
+
+std::array<ByNormals, 2> qsdolfinx::forces_by_normals(const Pieces& pieces,
+                                                      std::span<const double> stress, bool slips)
+{
+  if (stress.size() < (slips ? 3 : 1) * pieces.points.size())
+    throw std::invalid_argument("a pressure or traction for each point");
+  const PieceSide& side = raised_side(pieces);
+  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
+  const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
+             nodes = static_cast<std::size_t>(side.num_nodes);
+  const std::size_t width = slips ? 3 : 1;
+  std::array<ByNormals, 2> out;
+  std::vector<double> by_nodes, by_normals;
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < pieces.size() && !pieces.rise.empty(); ++i)
+  {
+    const RayPair pair = pair_of(pieces, i);
+    const auto points = pieces.points_of(i);
+    const auto rows = 3 * static_cast<std::size_t>(pair.num_nodes());
+    by_nodes.assign(rows * rows, 0.0);
+    by_normals.assign(rows * 3 * n, 0.0);
+    const auto of_piece = stress.subspan(width * first, width * points.size());
+    first += points.size();
+    (slips ? add_slip_forces_by_rise : add_forces_by_rise)(pair, points, of_piece, by_nodes,
+                                                           by_normals);
+    for (std::size_t s = 0, node = 0; s < 2; ++s)
+      for (std::size_t j = 0; j < static_cast<std::size_t>(sides[s]->num_nodes); ++j, ++node)
+        for (std::size_t r = 0; r < d; ++r)
+          for (std::size_t k = 0; k < n; ++k)
+            for (std::size_t c = 0; c < d; ++c)
+              out[s].append(
+                  sides[s]->dofs[(i * static_cast<std::size_t>(sides[s]->num_nodes) + j) * d + r],
+                  side.dofs[(i * nodes + k) * d + c],
+                  by_normals[((3 * node + r) * n + k) * 3 + c]);
+  }
+  return out;
 }
 
 std::vector<double> qsdolfinx::distances_of(const Pieces& pieces)

@@ -17,6 +17,33 @@ std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs);
 /// creases
 void raise_facets(Pieces& pieces, Vec normals);
 
+/// The side whose facets rays of vertices end on.
+const PieceSide& raised_side(const Pieces& pieces);
+
+/// Derivatives by these normals: rows, unknowns that stand for components of a normal, values.
+struct ByNormals
+{
+  std::vector<std::int64_t> row, column;
+  std::vector<double> value;
+
+  void append(std::int64_t i, std::int64_t j, double v)
+  {
+    if (v == 0)
+      return;
+    row.push_back(i);
+    column.push_back(j);
+    value.push_back(v);
+  }
+};
+
+/// Of the gaps; rows are points.
+ByNormals gaps_by_normals(const Pieces& pieces);
+
+/// Of the forces of pressures, or of tractions, that stay; rows are unknowns of the slave's and of
+/// the master's body. @param stress [point] or [point][3]
+std::array<ByNormals, 2> forces_by_normals(const Pieces& pieces, std::span<const double> stress,
+                                           bool slips);
+
 /// Distances along the rays to the facets, or to what they stand for, positive when open, [point].
 std::vector<double> distances_of(const Pieces& pieces);
 

@@ -1,5 +1,6 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
+#include "sliding/rise.h"
 
 #include <algorithm>
 #include <array>
@@ -345,7 +346,7 @@ OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
 {
   const std::vector<double>& motions = motions_of(pieces);
   return [&pieces, &motions, fixed = gap_gradients_of(pieces), out = std::vector<double>(),
-          slopes = std::vector<double>()](std::size_t i) mutable
+          slopes = std::vector<double>(), by_normals = std::vector<double>()](std::size_t i) mutable
   {
     const auto own = fixed(i);
     const auto points = pieces.points_of(i);
@@ -358,6 +359,9 @@ OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
       for (std::size_t a = 0; a < 2; ++a)
         for (std::size_t c = 0; c < size; ++c)
           out[p * size + c] += slopes[2 * p + a] * motions[((first + p) * 3 + a) * size + c];
+    const RayPair pair = pair_of(pieces, i);
+    by_normals.assign(points.size() * 3 * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
+    add_gaps_by_rise(pair, points, out, by_normals);
     return std::span<const double>(out);
   };
 }

@@ -15,10 +15,14 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
   const bool is_slave = pieces.cut_is_slave[piece];
   const RayFacet slave = facet_of(pieces.slave, piece), master = facet_of(pieces.master, piece);
   const auto side = static_cast<std::size_t>(is_slave ? master.type : slave.type), n = side * side;
-  std::span<const double> rise;
+  std::span<const double> rise, normal;
   if (!pieces.rise.empty())
+  {
     rise = std::span(pieces.rise).subspan(piece * n, n);
-  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other, rise};
+    normal = std::span(pieces.rise_normal).subspan(piece * 3 * side, 3 * side);
+  }
+  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other, rise,
+          normal};
 }
 
 void qsdolfinx::solve_pieces(Pieces& pieces)

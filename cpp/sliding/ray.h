@@ -33,6 +33,7 @@ struct RayPair
   /// Of a curved surface that the other facet stands for, at its vertices: the slope towards
   /// another vertex, times the length of that edge, [vertex][vertex]; empty of the facet itself.
   std::span<const double> rise{};
+  std::span<const double> rise_normal{}; ///< normals that it has there, 0 for none, [vertex][3]
 
   /// The facet whose normal they go along.
   RayFacet along() const

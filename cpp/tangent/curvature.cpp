@@ -1,6 +1,7 @@
 #include "tangent/curvature.h"
 #include "gap/piece_forces.h"
 #include "parallel/petsc.h"
+#include "sliding/rise.h"
 #include "tangent/row_sums.h"
 
 #include <algorithm>
@@ -88,7 +89,7 @@ void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
   if (pressure.size() < pieces.points.size())
     throw std::invalid_argument("a pressure for each point");
   Insertion insertion(master, pieces, markers, blocks, scale);
-  std::vector<double> H(insertion.size() * insertion.size());
+  std::vector<double> H(insertion.size() * insertion.size()), by_normals;
   std::size_t first = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -101,6 +102,8 @@ void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
     const RayPair pair = pair_of(pieces, i);
     add_curvature_of_points(pair, points, of_piece, H);
     add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
+    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
+    add_forces_by_rise(pair, points, of_piece, H, by_normals);
     insertion.add(i, H);
   }
   insertion.insert();
@@ -114,7 +117,7 @@ void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pie
   if (traction.size() < 3 * pieces.points.size())
     throw std::invalid_argument("a traction for each point");
   Insertion insertion(master, pieces, markers, blocks, scale);
-  std::vector<double> H(insertion.size() * insertion.size());
+  std::vector<double> H(insertion.size() * insertion.size()), by_normals;
   std::size_t first = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -127,6 +130,8 @@ void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pie
     const RayPair pair = pair_of(pieces, i);
     add_slip_curvature_of_points(pair, points, of_piece, H);
     add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
+    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
+    add_slip_forces_by_rise(pair, points, of_piece, H, by_normals);
     insertion.add(i, H);
   }
   insertion.insert();

@@ -21,6 +21,7 @@ from qsdolfinx.gap.following import (
     sides_of,
     sums_of_sides,
 )
+from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
@@ -38,19 +39,26 @@ class Finder(typing.Protocol):
     Attributes:
         both: Whether facets of both surfaces are cut.
         are_own: As of :class:`Cutter`.
+        raised: Which side's facets may stand for a curved surface: 0 the slave's, 1 the master's.
     """
 
     both: bool
     are_own: bool
+    raised: int
 
     def sides(self) -> Flags:
         """Sides of owned nodes of the slave that may have multipliers. Collective."""
 
-    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+    def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """``Measure.vertices`` of surfaces at these places. Collective."""
 
-    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
-        """Points where surfaces are, with areas that are measured elsewhere. Collective."""
+    def pieces(
+        self, moving: Twins, measured: Twins, vertices: Array | None
+    ) -> tuple[_cpp.Pieces, NormalsThere | None]:
+        """Points where surfaces are, with areas that are measured elsewhere. Collective.
+
+        And the normals of a curved surface that facets of a body stand for; None for none.
+        """
 
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """The same pieces with areas that are measured elsewhere; None to find them anew."""
@@ -59,7 +67,7 @@ class Finder(typing.Protocol):
 class Overlay:
     """Cuts all facets that face each other; arguments are those of :class:`FacetCutter`."""
 
-    are_own = False
+    are_own, raised = False, 1
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
         self._slave, self.both, self._radius = slave, both, radius
@@ -69,13 +77,16 @@ class Overlay:
         """See :class:`Finder`: all."""
         return sides_of(self._slave)
 
-    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+    def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """See :class:`Finder`."""
         return None
 
-    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+    def pieces(
+        self, moving: Twins, measured: Twins, vertices: Array | None
+    ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
-        return _cpp.overlay_pieces(*moving, *measured, self.both, self._radius, *self._rules)
+        rules = self._rules
+        return _cpp.overlay_pieces(*moving, *measured, self.both, self._radius, *rules), None
 
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """See :class:`Finder`."""
@@ -87,8 +98,9 @@ class Known(typing.NamedTuple):
 
     places: Places
     measured: Places
-    vertices: Flags | None
+    vertices: Array | None
     pieces: _cpp.Pieces
+    normals: NormalsThere | None
 
 
 class FacetCutter:
@@ -125,32 +137,32 @@ class FacetCutter:
         """See :class:`Cutter`."""
         return self._finder.sides()
 
-    def choose(self, places: Places) -> Flags | None:
+    def choose(self, places: Places) -> Array | None:
         """See :class:`Cutter`."""
         self._measure_at(places)
         return self._finder.choose(self._measured, places)
 
-    def find(self, places: Places, measured: Places, vertices: Flags | None) -> Found:
+    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
         """See :class:`Cutter`."""
-        pieces = self._pieces(places, measured, vertices)
-        slave = self._surfaces[0]
+        known = self._pieces(places, measured, vertices)
+        pieces, slave = known.pieces, self._surfaces[0]
         cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
-        return Found(cover, pieces, pieces.num_missed)
+        return Found(cover, pieces, pieces.num_missed, known.normals)
 
-    def _pieces(self, places: Places, measured: Places, vertices: Flags | None) -> _cpp.Pieces:
+    def _pieces(self, places: Places, measured: Places, vertices: Array | None) -> Known:
         """As for :meth:`find`. Where bodies are as before, nothing is cut anew. Collective."""
-        known, pieces = self._known, None
+        known, pieces, normals = self._known, None, None
         self._measure_at(measured)
         if known is not None and known.places is places and known.vertices is vertices:
             if known.measured is measured:
-                return known.pieces
-            pieces = self._finder.weighed(known.pieces, self._measured)
+                return known
+            pieces, normals = self._finder.weighed(known.pieces, self._measured), known.normals
         if pieces is None:
             self._put(self._moving, places)
-            pieces = self._finder.pieces(self._moving, self._measured, vertices)
+            pieces, normals = self._finder.pieces(self._moving, self._measured, vertices)
         pieces.areas_follow = all(map(np.array_equal, places, measured))
-        self._known = Known(places, measured, vertices, pieces)
-        return pieces
+        self._known = Known(places, measured, vertices, pieces, normals)
+        return self._known
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -165,11 +177,60 @@ class FacetCutter:
 
     def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
         """See :class:`Cutter`."""
-        if self.are_own:
+        if self.are_own and found.normals is None:
             return None
         return _cpp.GapOperator(
             self._slave, self._master, moving=found.of_cutter, weight=alone.weight
         )
+
+    def moving_beside(
+        self, found: Found, num_rows: int, markers: Vecs
+    ) -> tuple[int, PETSc.Mat] | None:
+        """See :class:`Cutter`."""
+        if found.normals is None:
+            return None
+        side, comm = self._finder.raised, self._surfaces[0].comm
+        row = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
+        entries, vec = found.of_cutter.gaps_by_normals(), markers[side]
+        assert vec is not None
+        entries = entries[0] + row.owner_range[0], *entries[1:]
+        of_gaps = new_matrix(row.getSizes(), vec.getSizes(), entries, comm)
+        turn = _but_for_held(found.normals.turn([entries]), None, vec)
+        out = of_gaps.matMult(turn)
+        for thing in (row, of_gaps, turn):
+            thing.destroy()
+        return side, out
+
+    def _add_turning(
+        self,
+        found: Found,
+        stress: Array,
+        markers: Vecs,
+        blocks: typing.Sequence[PETSc.Mat | None],
+        scale: tuple[float, float],
+    ) -> None:
+        """Add how forces of pressures or tractions change as normals turn. Collective."""
+        if found.normals is None:
+            return
+        side, comm = self._finder.raised, self._surfaces[0].comm
+        vec = markers[side]
+        assert vec is not None
+        entries = found.of_cutter.forces_by_normals(stress, stress.ndim > 1)
+        turn = _but_for_held(found.normals.turn(entries), None, vec)
+        for i, rows in enumerate(markers):
+            block = blocks[2 * i + side]
+            if rows is None or block is None:
+                continue
+            forces = new_matrix(rows.getSizes(), vec.getSizes(), entries[i], comm)
+            product = _but_for_held(forces, rows, None).matMult(turn)
+            starts, column, value = product.getValuesCSR()
+            row = product.getOwnershipRange()[0] + np.repeat(
+                np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts)
+            )
+            _cpp.add_entries(block.handle, row, column.astype(np.int64), scale[side] * value)
+            for mat in (forces, product):
+                mat.destroy()
+        turn.destroy()
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -198,6 +259,7 @@ class FacetCutter:
             [handle_of(mat) for mat in blocks],
             scale,
         )
+        self._add_turning(found, np.ascontiguousarray(pressure), markers, blocks, scale)
 
     def moving_functions(
         self,
@@ -210,7 +272,7 @@ class FacetCutter:
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`."""
-        if self.are_own:
+        if self.are_own and turning is None:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
@@ -300,6 +362,7 @@ class FacetCutter:
             [handle_of(mat) for mat in blocks],
             scale,
         )
+        self._add_turning(found, _in_space(traction), markers, blocks, scale)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -322,6 +385,17 @@ class FacetCutter:
         if self._measured_at is not places:
             self._put(self._measured, places)
             self._measured_at = places
+
+
+def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | None) -> PETSc.Mat:
+    """The matrix with zeros where conditions hold, see the markers of :class:`Cutter`."""
+    free = []
+    for vec in (rows, columns):
+        free.append(None if vec is None else vec.copy())
+        if free[-1] is not None:
+            free[-1].array[:] = free[-1].array_r == 0
+    mat.diagonalScale(*free)
+    return mat
 
 
 def _in_space(vectors: Array) -> Array:

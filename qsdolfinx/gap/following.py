@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.gap.vertex_normals import NormalsThere
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -44,14 +45,15 @@ class Measure:
         area: What points cover of each owned node's area; S_k of nodes that nothing is opposite to,
             which may come into contact.
         node_area: S_k.
-        vertices: Where points are vertices, the sides of owned nodes that have one, (nodes, block);
-            None where they are on facets.
+        vertices: Where points are vertices, what they stand for at the sides of owned nodes that
+            have one, 0 at others, (nodes, block): it stays as it was when they were chosen, since
+            it is what their multipliers are over. None where points are on facets.
     """
 
     places: Places
     area: Array
     node_area: Array
-    vertices: Flags | None = None
+    vertices: Array | None = None
 
 
 
@@ -66,11 +68,13 @@ class Found(typing.NamedTuple):
         cover: Σ_p w_p N_k of the sides of the slave's owned nodes, (nodes, block).
         of_cutter: What else the cutter wants to know of it.
         num_missed: Pieces on this rank with a ray that meets no point.
+        normals: Of the curved surface that facets before vertices stand for; None if there is none.
     """
 
     cover: Array
     of_cutter: typing.Any
     num_missed: int = 0
+    normals: NormalsThere | None = None
 
 
 class Alone(typing.NamedTuple):
@@ -142,10 +146,10 @@ class Cutter(typing.Protocol):
     def sides(self) -> Flags:
         """Sides of owned nodes that may have multipliers, (nodes, block). Collective."""
 
-    def choose(self, places: Places) -> Flags | None:
+    def choose(self, places: Places) -> Array | None:
         """``Measure.vertices`` there. Collective."""
 
-    def find(self, places: Places, measured: Places, vertices: Flags | None) -> Found:
+    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
         """What is opposite to what at these places, with the areas of others. Collective.
 
         Args:
@@ -158,7 +162,22 @@ class Cutter(typing.Protocol):
         """Derivative of the gaps of these points, which are its rows. Collective."""
 
     def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
-        """The same with what points move by on their facets; None if they do not. Collective."""
+        """The same with what points and heights move by; None if they do not. Collective."""
+
+    def moving_beside(
+        self, found: Found, num_rows: int, markers: Vecs
+    ) -> tuple[int, PETSc.Mat] | None:
+        """What :meth:`moving_gaps` leaves out, as normals of nodes turn with all facets there.
+
+        Args:
+            found: What has been found there.
+            num_rows: Rows on this rank, points first.
+            markers: As for :meth:`add_curvature_of_points`.
+
+        Returns:
+            0 for the slave's body or 1 for the master's, and rows by its unknowns; None if there
+            is nothing. Collective.
+        """
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Jump x_slave − x_master at these points, places on the facets staying. Collective."""
@@ -347,7 +366,7 @@ class Following:
                 out[i] = out[i] + scale[i] * values(vec)
         return out[0], out[1]
 
-    def measure(self, places: Places, vertices: Flags | None = None) -> Measure:
+    def measure(self, places: Places, vertices: Array | None = None) -> Measure:
         """Measure areas where the facets are. Collective.
 
         Args:
@@ -484,6 +503,12 @@ class Following:
             self._constrain(out)
             self._moving = last, out
         return self._moving[1]
+
+    def moving_beside(self, last: Cut) -> tuple[int, PETSc.Mat] | None:
+        """What that leaves out, see :class:`Cutter`. Collective."""
+        assert self._marked is not None
+        num_rows = last.operator.num_rows
+        return self._cutter.moving_beside(last.found, num_rows, self._marked)
 
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive when open."""

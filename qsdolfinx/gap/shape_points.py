@@ -176,7 +176,7 @@ class ShapePoints:
         self._measured.measure_nodes()
         return np.asarray(self._measured.node_area)
 
-    def choose(self, places: Places) -> Flags | None:
+    def choose(self, places: Places) -> Array | None:
         """See :class:`Cutter`: vertices that are ahead of their facets, see ``pair_vertices``."""
         if self._corners is None:
             return None
@@ -190,7 +190,8 @@ class ShapePoints:
         at = np.where((corners & near)[..., None], -of_tool, 0.0)
         along = np.stack([sums(slave, at[..., i].ravel()) for i in range(3)], axis=1)
         ahead = lead_away(slave, along, x, normals, PRESSED_FLAT) & np.any(along, axis=1)
-        return self._sides_of(corners & (at_vertices(slave, ahead.astype(np.float64)) > 0.5))
+        sides = self._sides_of(corners & (at_vertices(slave, ahead.astype(np.float64)) > 0.5))
+        return np.where(sides, self.node_area(places)[:, None], 0.0)
 
     def sides(self) -> Flags:
         """See :class:`Cutter`."""
@@ -206,18 +207,14 @@ class ShapePoints:
         of_nodes = [sums(self._slave, values.ravel()) for values in np.moveaxis(normals, 2, 0)]
         return np.stack([at_vertices(self._slave, values) for values in of_nodes], axis=2)
 
-    def _weights(self, x: Array, vertices: Flags | None) -> Array:
+    def _weights(self, x: Array, vertices: Array | None) -> Array:
         """Areas that the points stand for where areas are measured. Collective."""
         if self._corners is None or vertices is None:
             return self._areas(x)
-        some = np.asarray(vertices.any(axis=1), dtype=np.float64)
-        flags = at_vertices(self._slave, some) > 0.5
-        self._measured.follow(np.ascontiguousarray(x))
-        self._measured.measure_nodes()
-        area = at_vertices(self._slave, np.asarray(self._measured.node_area))
-        return np.where(self._corners & flags, area, 0.0)
+        area = at_vertices(self._slave, vertices.sum(axis=1))
+        return np.where(self._corners, area, 0.0)
 
-    def find(self, places: Places, measured: Places, vertices: Flags | None) -> Found:
+    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
         """See :class:`Cutter`."""
         x = np.einsum("pj,fjd->fpd", self._T, places[0])
         distance, normal = (
@@ -241,6 +238,12 @@ class ShapePoints:
 
     def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
         """See :class:`Cutter`: points are fixed."""
+        return None
+
+    def moving_beside(
+        self, found: Found, num_rows: int, markers: Vecs
+    ) -> tuple[int, PETSc.Mat] | None:
+        """See :class:`Cutter`: nothing is left out."""
         return None
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.facet_cutter import Twins
 from qsdolfinx.gap.following import Places
+from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
     Faceted,
@@ -41,13 +42,14 @@ class Vertices:
         radius: Beyond which points are not paired.
     """
 
-    both, are_own = False, True
+    both, are_own, raised = False, True, 1
 
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
         self._master = master if isinstance(master, Surface) else None
         self._facets = as_facets(master, slave.axisymmetric)
         self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
+        self._normals = normals_of(self._facets, self._sharp_there > 0.5)
         x, _, nodes = slave.coordinates
         #: Which way normals of vertices look that are found without a look at the body.
         self._signs: Array = np.sign(
@@ -60,7 +62,7 @@ class Vertices:
         out[:, 0] = self._sharp
         return out
 
-    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+    def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
         surfaces[0].measure_nodes()
         points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
@@ -71,8 +73,9 @@ class Vertices:
         normals = self._signs[..., None] * unit_normals(
             x, places[0] if self._slave.degree > 1 else None
         )
-        out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
-        out[node, 0] = lead_away(self._slave, along, x, normals, PRESSED_FLAT)[node]
+        ahead = lead_away(self._slave, along, x, normals, PRESSED_FLAT)[node]
+        out = np.zeros((len(self._sharp), self._slave.block))
+        out[node, 0] = ahead * np.asarray(surfaces[0].node_area)[node]
         return out
 
     def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
@@ -82,16 +85,17 @@ class Vertices:
         dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
         return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
 
-    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+    def pieces(
+        self, moving: Twins, measured: Twins, vertices: Array | None
+    ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
         moving[0].measure_nodes()
-        measured[0].measure_nodes()
-        area = np.asarray(measured[0].node_area)
-        which = vertices[:, 0].astype(np.uint8)
+        area = np.ascontiguousarray(vertices[:, 0])
+        which = (area > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*moving, False, which, area, self._radius)
-        raise_facets(out, self._facets, moving[1], self._sharp_there > 0.5)
-        return out
+        normals = raise_facets(out, self._normals, moving[1])
+        return out, normals if self._master is not None else None  # a tool's are as they are
 
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """See :class:`Finder`."""
@@ -110,12 +114,13 @@ class ToolVertices:
         radius: Beyond which points are not paired.
     """
 
-    both, are_own = True, False
+    both, are_own, raised = True, False, 0
 
     def __init__(self, slave: Surface, tool: RigidSurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
         self._facets = as_facets(tool, slave.axisymmetric)
         self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
+        self._normals = normals_of(slave, self._sharp_there)
         x = self._facets.coordinates[0]
         #: Which way normals of vertices look that are found without a look at the tool.
         self._signs: Array = np.sign(
@@ -131,7 +136,7 @@ class ToolVertices:
         out[:, 0] = True
         return out
 
-    def choose(self, surfaces: Twins, places: Places) -> Flags | None:
+    def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
         slave, tool = surfaces
         tool.measure_nodes()
@@ -140,42 +145,49 @@ class ToolVertices:
         along[node] = points.normal
         x = self._tool.facet_positions(places[1])
         normals = self._signs[..., None] * unit_normals(x)
-        out = np.zeros((len(self._sharp), 1), dtype=bool)
-        out[node, 0] = lead_away(self._facets, along, x, normals, LEANS)[node]
+        out = np.zeros((len(self._sharp), 1))
+        out[node, 0] = lead_away(self._facets, along, x, normals, LEANS)[node] * self._area[node]
         return out
 
-    def pieces(self, moving: Twins, measured: Twins, vertices: Flags | None) -> _cpp.Pieces:
+    def pieces(
+        self, moving: Twins, measured: Twins, vertices: Array | None
+    ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
         moving[1].measure_nodes()
-        which = vertices[:, 0].astype(np.uint8)
+        which = (vertices[:, 0] > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*moving, True, which, self._area, self._radius)
-        raise_facets(out, self._slave, moving[0], self._sharp_there)
-        return out
+        return out, raise_facets(out, self._normals, moving[0])
 
     def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
         """See :class:`Finder`."""
         return None
 
 
-def raise_facets(pieces: _cpp.Pieces, facets: Faceted, moved: _cpp.Surface, sharp: Flags) -> None:
+def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:
+    """What tells normals of facets before vertices; None of degree 2, which stay as they are."""
+    if isinstance(facets, Surface) and facets.degree > 1:
+        return None
+    return VertexNormals(facets, sharp)
+
+
+def raise_facets(
+    pieces: _cpp.Pieces, normals: VertexNormals | None, moved: _cpp.Surface
+) -> NormalsThere | None:
     """Let facets before vertices stand for a surface that does not turn where they meet.
 
     A vertex that rests where facets meet has no side to choose then. Normals are those of where the
-    surface is now; how they turn is not in the derivative. Facets of degree 2 stay as they are.
-    Collective.
+    surface is now. Collective.
 
     Args:
         pieces: The points.
-        facets: The surface.
-        moved: The same where it is.
-        sharp: Its owned nodes at creases.
+        normals: Tells them.
+        moved: The surface where it is.
     """
-    if isinstance(facets, Surface) and facets.degree > 1:
-        return
-    moved.measure_nodes()
-    vec = facets.create_vec()
-    normal = np.where(sharp[:, None], 0.0, np.asarray(moved.node_normal))
-    vec.array[facets.node_dofs - vec.owner_range[0]] = normal[:, : facets.node_dofs.shape[1]]
+    if normals is None:
+        return None
+    there = normals.at(np.asarray(moved.facet_x))
+    vec = there.vec()
     pieces.raise_facets(vec.handle)
     vec.destroy()
+    return there

@@ -379,7 +379,8 @@ class WeightedGap:
     def measure_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
         """Measure areas where those unknowns alone put the facets that are kept. Collective.
 
-        Vertices that bear keep their points: without them the step would not begin in equilibrium.
+        Vertices that bear keep their points and areas: else the step would not begin in
+        equilibrium.
 
         Args:
             u: The unknowns.
@@ -392,8 +393,9 @@ class WeightedGap:
         measure = self.following.measure(places)
         before = None if state.measure is None else state.measure.vertices
         if measure.vertices is not None and before is not None and self.following.points_are_own:
-            wanted = measure.vertices | (state.augmented > 0)
-            more = bool(np.any(wanted != measure.vertices))
+            bears = (state.augmented > 0) & (before > 0)
+            more = bool(bears.any())
+            wanted = np.where(bears, before, measure.vertices)
             if self.slave.comm.allreduce(more, op=MPI.LOR):
                 measure = self.following.measure(places, wanted)
         state.measure = measure
@@ -430,7 +432,7 @@ class WeightedGap:
         places = self.cut.places
         chosen = self.following.measure(places).vertices
         assert chosen is not None
-        vertices = chosen | before.vertices
+        vertices = np.where(before.vertices > 0, before.vertices, chosen)
         same = np.array_equal(vertices, before.vertices)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return False
@@ -560,6 +562,12 @@ class WeightedGap:
         if self.following is None or self.cut is None:
             return self.operator
         return self.following.moving_gaps(self.cut)
+
+    def moving_beside(self) -> tuple[int, PETSc.Mat] | None:
+        """What :meth:`moving_operator` leaves out, see ``Cutter.moving_beside``. Collective."""
+        if self.following is None or self.cut is None:
+            return None
+        return self.following.moving_beside(self.cut)
 
     def change(self, field: Affine, operator: _cpp.GapOperator | None = None) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective.

@@ -337,7 +337,8 @@ class Derivative:
             moves = not rows.far and p.gap.following is not None
             if moves and (moving := p.gap.moving_operator()) is not p.gap.operator:
                 by_tool = None if p.tool is None else self._tools.moved_gaps(p, moving)
-                gaps = gap, self._gaps(p, moving, by_tool)
+                beside = self._beside_gaps(p)
+                gaps = gap, self._gaps(p, moving, by_tool)._replace(beside=beside)
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
             if friction is not None and p.slip is not None:
@@ -352,6 +353,19 @@ class Derivative:
             made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
+
+    def _beside_gaps(self, p: Pass) -> _cpp.CompressedRows | None:
+        """What gaps change by as normals of nodes turn with all facets there. Collective."""
+        found = p.gap.moving_beside()
+        if found is None:
+            return None
+        body = p.bodies[found[0]]
+        assert body is not None
+        starts, columns, values = found[1].getValuesCSR()
+        found[1].destroy()
+        numbers = self._layout.numbers(body, columns.astype(np.int64))
+        values = np.ascontiguousarray(self._system.scales[body] * values)
+        return _cpp.CompressedRows(starts.astype(np.int64), numbers, values)
 
     def _moving(
         self, p: Pass, rows: CondensedRows, at: Normal | None, tangential: Tangential | None

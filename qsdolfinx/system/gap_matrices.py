@@ -34,12 +34,14 @@ class Gaps(typing.NamedTuple):
         numbers: Of each side's unknowns among all, (columns, block).
         scales: Displacement per unknown of each side.
         of_tool: By the displacement of a driven tool; None without.
+        beside: What else they change by, with scales; None for nothing.
     """
 
     operator: _cpp.GapOperator
     numbers: tuple[Indices, ...]
     scales: tuple[float, ...]
     of_tool: _cpp.CompressedRows | None
+    beside: _cpp.CompressedRows | None = None
 
     @property
     def are_scaled(self) -> bool:
@@ -62,6 +64,8 @@ class Gaps(typing.NamedTuple):
             rows.add_gaps(self.operator, i, numbers, by, first)
         if self.of_tool is not None:
             rows.add_rows(self.of_tool, factor, first, self.operator.width)
+        if self.beside is not None:
+            rows.add_rows(self.beside, factor, first, self.operator.width)
 
 
 class Moving(typing.NamedTuple):

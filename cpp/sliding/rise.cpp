@@ -1,0 +1,136 @@
+#include "sliding/rise.h"
+#include "sliding/forms.h"
+
+#include <functional>
+#include <vector>
+
+using namespace qsdolfinx;
+using namespace qsdolfinx::forms;
+
+// The surface rises from vertex i towards j by s = −m·e/(m·n) over the edge e = x_j − x_i, m being
+// its normal at i, and n that of the facet.
+
+namespace
+{
+/// The slope from a vertex to another one, and its derivatives.
+struct Slope
+{
+  int from, to;
+  Row by_nodes;
+  Vec3 by_normal;
+};
+
+std::vector<Slope> slopes_of(const RayPair& pair)
+{
+  std::vector<Slope> out;
+  if (pair.rise.empty())
+    return out;
+  const Normal normal(pair.other);
+  const Columns columns(pair);
+  const int count = pair.other.num_vertices();
+  for (int i = 0; i < count; ++i)
+    for (int j = 0; j < count; ++j)
+    {
+      const Vec3 m = facet_vertex(pair.rise_normal, i);
+      const double along = dot(m, normal.n());
+      if (i == j || (count == 4 && i + j == 3) || along == 0) // along edges
+        continue;
+      const Vec3 e = facet_vertex(pair.other.x, j) - facet_vertex(pair.other.x, i);
+      const double rise = dot(m, e) / (along * along);
+      Slope slope{i, j, {}, rise * normal.n() - 1 / along * e};
+      add(&slope.by_nodes[3 * (columns.other + i)], 1 / along, m);
+      add(&slope.by_nodes[3 * (columns.other + j)], -1 / along, m);
+      normal.add_to(rise * m, &slope.by_nodes[3 * columns.other]);
+      out.push_back(slope);
+    }
+  return out;
+}
+
+/// N_i² N_j at a point, and its derivatives by ζ.
+struct Height
+{
+  Height(const RayPair& pair, const Slope& slope, const RayPoint& point)
+  {
+    const auto N = shape_functions(pair.other.type, point.zeta);
+    const auto dN = trace_gradients(pair.other.type, 1, point.zeta);
+    const int i = slope.from, j = slope.to;
+    value = N[i] * N[i] * N[j];
+    for (int a = 0; a < 2; ++a)
+      by_zeta[a] = N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
+  }
+
+  double value;
+  Vec2 by_zeta;
+};
+
+/// Add the derivatives of forces c·v, c being linear in slopes.
+void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span<double> by_nodes,
+                std::span<double> by_normals,
+                const std::function<Vec3(std::size_t, const Ray&, const Vec2&)>& change)
+{
+  const std::vector<Slope> slopes = slopes_of(pair);
+  if (slopes.empty())
+    return;
+  const Normal normal(pair.along());
+  const Columns columns(pair);
+  const int n = columns.size(), width = 3 * pair.other.num_vertices();
+  for (std::size_t p = 0; p < points.size(); ++p)
+  {
+    const Ray ray(pair, normal, points[p]);
+    for (const Slope& slope : slopes)
+    {
+      const Vec3 c = change(p, ray, Height(pair, slope, points[p]).by_zeta);
+      const Row force = ray.form(columns, normal, c);
+      for (int a = 0; a < n; ++a)
+      {
+        for (int b = 0; b < n; ++b)
+          by_nodes[a * n + b] += force[a] * slope.by_nodes[b];
+        add(&by_normals[a * width + 3 * slope.from], force[a], slope.by_normal);
+      }
+    }
+  }
+}
+} // namespace
+
+void qsdolfinx::add_gaps_by_rise(const RayPair& pair, std::span<const RayPoint> points,
+                                 std::span<double> by_nodes, std::span<double> by_normals)
+{
+  const std::vector<Slope> slopes = slopes_of(pair);
+  const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
+             width = 3 * static_cast<std::size_t>(pair.other.num_vertices());
+  for (std::size_t p = 0; p < points.size(); ++p)
+    for (const Slope& slope : slopes)
+    {
+      const double height = Height(pair, slope, points[p]).value;
+      for (std::size_t b = 0; b < n; ++b)
+        by_nodes[p * n + b] += height * slope.by_nodes[b];
+      add(&by_normals[p * width + 3 * static_cast<std::size_t>(slope.from)], height,
+          slope.by_normal);
+    }
+}
+
+void qsdolfinx::add_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,
+                                   std::span<const double> pressure, std::span<double> by_nodes,
+                                   std::span<double> by_normals)
+{
+  add_forces(pair, points, by_nodes, by_normals,
+             [&](std::size_t p, const Ray& ray, const Vec2& steeper)
+             {
+               const double force = points[p].weight * pressure[p];
+               return force * (steeper[0] * ray.A.zeta[0] + steeper[1] * ray.A.zeta[1]);
+             });
+}
+
+void qsdolfinx::add_slip_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,
+                                        std::span<const double> traction,
+                                        std::span<double> by_nodes, std::span<double> by_normals)
+{
+  add_forces(pair, points, by_nodes, by_normals,
+             [&](std::size_t p, const Ray& ray, const Vec2& steeper)
+             {
+               const Vec3 tau = facet_vertex(traction, static_cast<int>(p)),
+                          rises = steeper[0] * ray.A.zeta[0] + steeper[1] * ray.A.zeta[1];
+               const double w = (pair.cut_is_slave ? 1 : -1) * points[p].weight;
+               return w * dot(tau, rises) * ray.A.t;
+             });
+}
