@@ -79,14 +79,6 @@ REMEDIES = (
         "solve/test_viscoplastic.py",
     ),
     Remedy(
-        "steps are mixed where the residual falls slowly",
-        OneNewton,
-        "_mixed",
-        lambda out, *_: out is not None,
-        lambda *_: None,
-        "solve/test_mixing.py",
-    ),
-    Remedy(
         "a step ends where forces do no more work",
         OneNewton,
         "_until_rest",

@@ -193,8 +193,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       .def_prop_ro(
           "num_missed", [](const Pieces& p) { return std::ranges::count(p.is_missed, 1); },
           "Pieces with a ray that meets no point.")
-      .def("weighed", &weighed, "slave_measured"_a, "master_measured"_a,
-           "The same with areas that are measured elsewhere.")
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
           "cover",
@@ -221,8 +219,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "raise_facets",
           [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
           "normals"_a, "Let facets before vertices stand for a curved surface; collective.")
-      .def_rw("areas_follow", &Pieces::areas_follow,
-              "Whether areas are measured where facets are, and follow these in derivatives.")
       .def(
           "gaps_by_normals", [](const Pieces& p) { return entries(gaps_by_normals(p)); },
           "Derivatives of gaps by the normals that facets are raised with: points, unknowns that "
@@ -314,15 +310,13 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "Where the points are, [point][3].");
   m.def(
       "overlay_pieces",
-      [](const Surface& slave, const Surface& master, const Surface& slave_measured,
-         const Surface& master_measured, bool both, const SearchRadius& radius, In<double> piece_x,
-         In<double> piece_w, In<double> edge_x, In<double> edge_w)
+      [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
+         In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        return overlay_pieces(slave, master, slave_measured, master_measured, both, radius, rules);
+        return overlay_pieces(slave, master, both, radius, rules);
       },
-      "slave"_a, "master"_a, "slave_measured"_a, "master_measured"_a, "both"_a, "radius"_a,
-      "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "slave"_a, "master"_a, "both"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
       "Pieces of surfaces that follow their bodies; collective.");
   m.def(
       "vertex_pieces",

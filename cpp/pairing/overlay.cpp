@@ -165,23 +165,6 @@ double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
          * surface.area_factor(facet_point(surface.type(), v, xi));
 }
 
-/// ∂ ln(stretch)/∂ξ
-std::array<double, 2> growth(const Surface& surface, std::size_t f, std::array<double, 2> xi)
-{
-  const auto v = surface.facet_x(f);
-  std::array<double, 2> out{};
-  if (surface.type() == FacetType::quadrilateral)
-  {
-    const Vec3 x0 = facet_vertex(v, 0), a = facet_vertex(v, 1) - x0, b = facet_vertex(v, 2) - x0,
-               c = facet_vertex(v, 3) - x0 - a - b;
-    const Vec3 s = cross(a + xi[1] * c, b + xi[0] * c);
-    out = {dot(s, cross(a + xi[1] * c, c)) / dot(s, s), dot(s, cross(c, b + xi[0] * c)) / dot(s, s)};
-  }
-  if (surface.axisymmetric())
-    out[0] += (v[3] - v[0]) / facet_point(surface.type(), v, xi)[0];
-  return out;
-}
-
 /// Edges of a facet in the order of its polygon.
 std::span<const std::array<std::int8_t, 2>> sides_of(FacetType type)
 {
@@ -277,11 +260,10 @@ PieceCorner corner_at(const Vec2& q, const Outline& cut, const Outline& other, b
   return out;
 }
 
-/// Where pieces are noted down, and the areas of their points.
+/// Where pieces are noted down.
 struct Record
 {
   Pieces& pieces;
-  const Surface& measured; ///< facets of the surface that is cut where areas are measured
 
   /// Append a piece without points yet.
   void append(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std::size_t g,
@@ -295,7 +277,6 @@ struct Record
     append_record(pieces.multiplier_side, cut_is_slave ? own.vertex_side : nearby.side,
                   cut_is_slave ? f : g, pieces.num_multipliers);
     pieces.cut_is_slave.push_back(cut_is_slave);
-    pieces.facet.push_back(f);
     pieces.end.push_back(pieces.points.size());
     pieces.corner_end.push_back(pieces.corners.size());
   }
@@ -306,14 +287,10 @@ struct Record
     pieces.corner_end.back() = pieces.corners.size();
   }
 
-  /// @param density weight over the area per reference area, see Pieces
-  void append_point(const std::array<double, 2>& xi, const std::array<double, 2>& zeta,
-                    double density, PointPlace place)
+  void append_point(const RayPoint& point, const PointPlace& place)
   {
-    place.growth = growth(measured, pieces.facet.back(), xi);
     pieces.places.push_back(place);
-    pieces.points.push_back({xi, zeta, density * stretch(measured, pieces.facet.back(), xi)});
-    pieces.density.push_back(density);
+    pieces.points.push_back(point);
     pieces.end.back() = pieces.points.size();
   }
 
@@ -808,8 +785,9 @@ private:
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
           append_corners(f, frame, piece, triangles.around);
         }
-        record_->append_point(here.xi[p], there.xi[p],
-                              share_ * w_[p] / planar.jacobian(here.xi[p]), places_[p]);
+        const double weight = share_ * w_[p] / planar.jacobian(here.xi[p]);
+        record_->append_point({here.xi[p], there.xi[p], weight * stretch(cut_, f, here.xi[p])},
+                              places_[p]);
         continue;
       }
       // A curved quadrilateral has more area than its projection.
@@ -1039,41 +1017,23 @@ Pieces no_pieces(const Surface& slave, const Surface& master)
 }
 } // namespace
 
-Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master,
-                                 const Surface& slave_measured, const Surface& master_measured,
-                                 bool both, const SearchRadius& radius, const OverlayRules& rules)
+Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master, bool both,
+                                 const SearchRadius& radius, const OverlayRules& rules)
 {
   Pieces out = no_pieces(slave, master);
   PairingPoints none(slave, &master);
   const double share = both ? 0.5 : 1.0;
-  const auto cut = [&](const Surface& surface, const Surface& other, const Surface& measured)
+  const auto cut = [&](const Surface& surface, const Surface& other)
   {
-    Record record{out, measured};
+    Record record{out};
     Overlay(none, surface, other, &surface == &slave, share, radius, Normals::facet, rules, nullptr,
             &record)
         .run();
   };
-  cut(slave, master, slave_measured);
+  cut(slave, master);
   if (both)
-    cut(master, slave, master_measured);
+    cut(master, slave);
   solve_pieces(out);
-  return out;
-}
-
-Pieces qsdolfinx::weighed(const Pieces& pieces, const Surface& slave_measured,
-                          const Surface& master_measured)
-{
-  Pieces out = pieces;
-  out.motions.clear();
-  for (std::size_t i = 0, p = 0; i < out.size(); ++i)
-  {
-    const Surface& measured = out.cut_is_slave[i] ? slave_measured : master_measured;
-    for (RayPoint& point : out.points_of(i))
-    {
-      point.weight = out.density[p] * stretch(measured, out.facet[i], point.xi);
-      out.places[p++].growth = growth(measured, out.facet[i], point.xi);
-    }
-  }
   return out;
 }
 

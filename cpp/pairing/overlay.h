@@ -49,13 +49,8 @@ PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool
 /// have been solved for.
 /// Collective.
 /// @param slave, master surfaces that follow their bodies, see Surface::follow
-/// @param slave_measured, master_measured the same facets where areas are measured
-Pieces overlay_pieces(const Surface& slave, const Surface& master, const Surface& slave_measured,
-                      const Surface& master_measured, bool both, const SearchRadius& radius,
-                      const OverlayRules& rules);
-
-/// The same pieces with areas that are measured elsewhere. @param pieces of overlay_pieces
-Pieces weighed(const Pieces& pieces, const Surface& slave_measured, const Surface& master_measured);
+Pieces overlay_pieces(const Surface& slave, const Surface& master, bool both,
+                      const SearchRadius& radius, const OverlayRules& rules);
 
 /// Where surfaces are curved the same way, at a point of the overlay.
 struct ConformingPoint

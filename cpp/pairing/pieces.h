@@ -40,15 +40,11 @@ struct Pieces
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::uint8_t> is_missed;       ///< whether a ray meets no point, [piece]
-  bool areas_follow = false, axisymmetric = false; ///< as in PieceShape
+  bool axisymmetric = false;                 ///< as PieceShape::axisymmetric
   // Of facets that were cut; empty of vertices.
   std::vector<std::size_t> corner_end; ///< corners of a piece, as points
   std::vector<PieceCorner> corners;
   std::vector<PointPlace> places; ///< [point]
-  // What areas can be measured anew by:
-  std::vector<std::size_t> facet; ///< facet of this rank, [piece]
-  std::vector<double> density;    ///< weight over ∂A/∂ξ where areas are measured, [point]
-
   mutable std::vector<double> motions; ///< see motions_of; empty as long as nobody has asked
 
   std::size_t size() const { return end.size(); }
@@ -66,7 +62,7 @@ struct Pieces
     if (corner_end.empty())
       return {};
     return {part_of(std::span(corners), corner_end, piece),
-            part_of(std::span(places), end, piece), areas_follow, axisymmetric};
+            part_of(std::span(places), end, piece), axisymmetric};
   }
 
 private:

@@ -12,10 +12,10 @@ using namespace qsdolfinx::forms;
 // With the velocity V of a point in the plane of the facet, linear in a triangle of the piece, and
 // that of the facet's own material there, U = Σ_i N_i(ξ) U_i,
 //
-//   δξ = (∂q/∂ξ)⁻¹ (V − U),   δ ln w = div V − div U − (∂ ln J/∂ξ)·δξ + (∂ ln S/∂ξ)·δξ,
+//   δξ = (∂q/∂ξ)⁻¹ (V − U),   δ ln w = div V − div U + δ ln S + (∂ ln(S/J)/∂ξ)·δξ,
 //
-// J being the area per reference area now, and S where areas are measured; and where that is where
-// facets are, δ ln S at a place that stays is added.
+// J being the area per reference area in the plane, and S that of the facet, which is that of a ring
+// where things are axisymmetric.
 
 namespace
 {
@@ -94,11 +94,8 @@ public:
                  const Row& by_weight)
   {
     const auto [slots, inverse, growth] = moves_with(p, point);
-    if (shape_.areas_follow)
-    {
-      left_.push_back(by_weight);
-      velocity_.push_back(area_growth(point));
-    }
+    left_.push_back(by_weight);
+    velocity_.push_back(area_of(point).growth);
     for (int a = 0; a < dim_; ++a)
       for (int i = 0; i < size_; ++i)
         by_xi[a][i] += growth[a] * by_weight[i];
@@ -120,11 +117,8 @@ public:
     const auto [slots, inverse, growth] = moves_with(p, point);
     const auto n = static_cast<std::size_t>(size_);
     std::ranges::fill(out, 0.0);
-    if (shape_.areas_follow)
-    {
-      const Row grows = area_growth(point);
-      std::copy_n(grows.begin(), n, out.subspan(2 * n).begin());
-    }
+    const Area area = area_of(point);
+    std::copy_n(area.growth.begin(), n, out.subspan(2 * n).begin());
     for (const Slot& slot : slots)
       for (int d = 0; d < dim_; ++d)
       {
@@ -163,10 +157,16 @@ private:
     Vec2 gradient;
   };
 
-  /// δ ln S at a place that stays on the facet.
-  Row area_growth(const RayPoint& point) const
+  /// δ ln S at a place that stays on the facet, and ∂ ln S/∂ξ.
+  struct Area
   {
-    Row out{};
+    Row growth{};
+    Vec2 slope{};
+  };
+
+  Area area_of(const RayPoint& point) const
+  {
+    Area out;
     const auto dN = trace_gradients(type_, 1, point.xi);
     const auto N = shape_functions(type_, point.xi);
     const RayFacet chord{type_, 1, vertices_of(cut_), cut_.orientation};
@@ -177,13 +177,22 @@ private:
     const Vec3 first = (1 / square) * cross(t[1], s), second = (1 / square) * cross(s, t[0]);
     for (int i = 0; i < cut_vertices(); ++i)
     {
-      double* at = &out[3 * (columns_.cut + i)];
+      double* at = &out.growth[3 * (columns_.cut + i)];
       add(at, dN[i][0], first);
       if (dim_ == 2)
         add(at, dN[i][1], second);
       if (shape_.axisymmetric)
         at[0] += N[i] / r;
     }
+    if (type_ == FacetType::quadrilateral)
+    {
+      Vec3 twist{};
+      for (int i = 0; i < 4; ++i)
+        add(twist.data(), i == 0 || i == 3 ? 1 : -1, facet_vertex(cut_.x, i) - origin);
+      out.slope = {dot(s, cross(t[0], twist)) / square, dot(s, cross(twist, t[1])) / square};
+    }
+    if (shape_.axisymmetric)
+      out.slope[0] += t[0][0] / r;
     return out;
   }
 
@@ -202,7 +211,7 @@ private:
       out.push_back({q_.size() + i, -N[i],
                      {-dN[i][0] * inverse[0][0] - dN[i][1] * inverse[1][0],
                       -dN[i][0] * inverse[0][1] - dN[i][1] * inverse[1][1]}});
-    return {out, inverse, place.growth - bending(t)};
+    return {out, inverse, area_of(point).slope - bending(t)};
   }
 
   static std::span<const double> vertices_of(const RayFacet& facet)

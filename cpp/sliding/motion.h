@@ -30,7 +30,6 @@ struct PointPlace
 {
   std::array<std::uint8_t, 3> corner;
   std::array<double, 2> at; ///< coordinates in the triangle or interval
-  std::array<double, 2> growth{}; ///< ∂(ln of area per reference area)/∂ξ where areas are measured
 };
 
 /// A piece.
@@ -38,7 +37,6 @@ struct PieceShape
 {
   std::span<const PieceCorner> corners; ///< anticlockwise; none if points do not move
   std::span<const PointPlace> places;   ///< of its points
-  bool areas_follow = false;            ///< whether areas are measured where facets are
   bool axisymmetric = false;            ///< whether areas are those of rings
 };
 

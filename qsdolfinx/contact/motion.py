@@ -194,8 +194,10 @@ def follow_meshes(model: ContactModel) -> None:
     model.placement = Placement.at_pairing(model.slave, model.master)
 
 
-def measure_anew(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
-    """Measure areas of gaps that follow the bodies where these unknowns put them. Collective."""
+def begin_to_follow(
+    model: ContactModel, slave: fem.Function, master: fem.Function | None
+) -> None:
+    """Let gaps that follow the bodies begin where these unknowns put them. Collective."""
     if not model.follows:
         return
     overclosed.follow_bodies(model)
@@ -203,7 +205,7 @@ def measure_anew(model: ContactModel, slave: fem.Function, master: fem.Function 
     vecs = _vecs(model, slave, master)
     for gap in model.gaps:
         kept = model.ordered(gap, model.kinematics.in_displacement)
-        gap.measure_anew(model.ordered(gap, vecs), kept)
+        gap.choose_anew(model.ordered(gap, vecs), kept)
     for vec in vecs:
         if vec is not None:
             vec.destroy()

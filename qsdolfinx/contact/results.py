@@ -268,7 +268,7 @@ def patch(model: ContactModel) -> tuple[float, float]:
     place = _place(model, "slave")
     vertices = place.coordinates[0]
     if p.cut is not None:  # gaps that follow have areas of their own
-        vertices = p.cut.measure.places[0][:, : slave.num_facet_vertices]
+        vertices = p.cut.places[0][:, : slave.num_facet_vertices]
     paired = _measured(place.surface, vertices)
     row_area = p.rows.areas(_areas(model, "slave"), np.asarray(paired.node_area))
     area = float(np.sum(row_area[rows_in_contact(model, p)]))

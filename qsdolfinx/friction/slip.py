@@ -240,8 +240,12 @@ class Slip:
         start = rows.vectors_from_sides(state.augmented) if elastic > 0 else 0.0
         return np.asarray((1 - elastic) * reached + elastic * start)
 
-    def moving_operator(self, elastic: float, reached: Array, penalty: float) -> _cpp.GapOperator:
+    def moving_operator(
+        self, elastic: float, reached: Array, penalty: float
+    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
         """:attr:`operator` with what points move by on facets, and what τ_h leans by. Collective.
+
+        And what that leaves out, see ``Cutter.slip_beside``.
 
         Args:
             elastic: As for :meth:`known`.
@@ -249,7 +253,7 @@ class Slip:
             penalty: γ_t: the trial is τ_h + γ_t g.
         """
         if self.state.begun is None or self._normal is None:
-            return self.operator
+            return self.operator, None
         flat = self._reached(elastic, reached) / penalty + self._jump
         leaning = np.sum(self._normal * flat, axis=1)
         return self.gap.moving_slip(self.state.begun, leaning)
@@ -307,8 +311,7 @@ class Slip:
         else:
             assert isinstance(rows, NodeRows)
             covered = rows.sums_on_nodes(self.weight * self.operator.slave_sum[:, 0])
-        measure = self.gap.state.measure
-        area = self.slave.node_area if measure is None else measure.node_area
+        area = self.slave.node_area if self.gap.cut is None else self.gap.cut.node_area
         return np.asarray(covered / area)
 
     def tangential(self, vectors: Array) -> Array:

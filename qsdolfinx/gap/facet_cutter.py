@@ -50,18 +50,15 @@ class Finder(typing.Protocol):
         """Sides of owned nodes of the slave that may have multipliers. Collective."""
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
-        """``Measure.vertices`` of surfaces at these places. Collective."""
+        """``GapState.vertices`` of surfaces at these places. Collective."""
 
     def pieces(
-        self, moving: Twins, measured: Twins, vertices: Array | None
+        self, surfaces: Twins, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
-        """Points where surfaces are, with areas that are measured elsewhere. Collective.
+        """Points where surfaces are. Collective.
 
         And the normals of a curved surface that facets of a body stand for; None for none.
         """
-
-    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
-        """The same pieces with areas that are measured elsewhere; None to find them anew."""
 
 
 class Overlay:
@@ -82,22 +79,16 @@ class Overlay:
         return None
 
     def pieces(
-        self, moving: Twins, measured: Twins, vertices: Array | None
+        self, surfaces: Twins, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
-        rules = self._rules
-        return _cpp.overlay_pieces(*moving, *measured, self.both, self._radius, *rules), None
-
-    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
-        """See :class:`Finder`."""
-        return pieces.weighed(*measured)
+        return _cpp.overlay_pieces(*surfaces, self.both, self._radius, *self._rules), None
 
 
 class Known(typing.NamedTuple):
     """The pieces that were found last, and for what."""
 
     places: Places
-    measured: Places
     vertices: Array | None
     pieces: _cpp.Pieces
     normals: NormalsThere | None
@@ -123,15 +114,14 @@ class FacetCutter:
         self.are_own = finder.are_own
         self._tool = as_tool(master)
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
-        self._measured = slave.twin(), master.twin(slave.axisymmetric)
-        self._measured_at: Places | None = None
+        self._moved_to: Places | None = None
         self._known: Known | None = None
 
     def node_area(self, places: Places) -> Array:
         """See :class:`Cutter`."""
-        self._measure_at(places)
-        self._measured[0].measure_nodes()
-        return np.asarray(self._measured[0].node_area)
+        self._put(places)
+        self._moving[0].measure_nodes()
+        return np.asarray(self._moving[0].node_area)
 
     def sides(self) -> Flags:
         """See :class:`Cutter`."""
@@ -139,29 +129,23 @@ class FacetCutter:
 
     def choose(self, places: Places) -> Array | None:
         """See :class:`Cutter`."""
-        self._measure_at(places)
-        return self._finder.choose(self._measured, places)
+        self._put(places)
+        return self._finder.choose(self._moving, places)
 
-    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
+    def find(self, places: Places, vertices: Array | None) -> Found:
         """See :class:`Cutter`."""
-        known = self._pieces(places, measured, vertices)
+        known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
         cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
         return Found(cover, pieces, pieces.num_missed, known.normals)
 
-    def _pieces(self, places: Places, measured: Places, vertices: Array | None) -> Known:
+    def _pieces(self, places: Places, vertices: Array | None) -> Known:
         """As for :meth:`find`. Where bodies are as before, nothing is cut anew. Collective."""
-        known, pieces, normals = self._known, None, None
-        self._measure_at(measured)
+        known = self._known
         if known is not None and known.places is places and known.vertices is vertices:
-            if known.measured is measured:
-                return known
-            pieces, normals = self._finder.weighed(known.pieces, self._measured), known.normals
-        if pieces is None:
-            self._put(self._moving, places)
-            pieces, normals = self._finder.pieces(self._moving, self._measured, vertices)
-        pieces.areas_follow = all(map(np.array_equal, places, measured))
-        self._known = Known(places, measured, vertices, pieces, normals)
+            return known
+        self._put(places)
+        self._known = Known(places, vertices, *self._finder.pieces(self._moving, vertices))
         return self._known
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -345,6 +329,17 @@ class FacetCutter:
             weight=alone.weight,
         )
 
+    def slip_beside(
+        self,
+        found: Found,
+        slip: SlipAtPoints,
+        leaning: Array,
+        num_rows: int,
+        markers: Vecs,
+    ) -> tuple[int, PETSc.Mat] | None:
+        """See :class:`Cutter`: nothing is left out."""
+        return None
+
     def add_slip_curvature_of_points(
         self,
         found: Found,
@@ -376,15 +371,14 @@ class FacetCutter:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.slave_sizes())
 
-    def _put(self, surfaces: tuple[_cpp.Surface, _cpp.Surface], places: Places) -> None:
+    def _put(self, places: Places) -> None:
+        """Move the facets there."""
+        if self._moved_to is places:
+            return
         there = places[1] if self._tool is None else self._tool.facet_positions(places[1])
-        for surface, x in zip(surfaces, (places[0], there), strict=True):
+        for surface, x in zip(self._moving, (places[0], there), strict=True):
             surface.follow(np.ascontiguousarray(x))
-
-    def _measure_at(self, places: Places) -> None:
-        if self._measured_at is not places:
-            self._put(self._measured, places)
-            self._measured_at = places
+        self._moved_to = places
 
 
 def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | None) -> PETSc.Mat:

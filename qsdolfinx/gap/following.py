@@ -36,27 +36,6 @@ LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
 MOST_TURNED = 2.6
 
 
-@dataclasses.dataclass(frozen=True)
-class Measure:
-    """Where areas were measured last: they are constants until they are again.
-
-    Attributes:
-        places: Where the facets were.
-        area: What points cover of each owned node's area; S_k of nodes that nothing is opposite to,
-            which may come into contact.
-        node_area: S_k.
-        vertices: Where points are vertices, what they stand for at the sides of owned nodes that
-            have one, 0 at others, (nodes, block): it stays as it was when they were chosen, since
-            it is what their multipliers are over. None where points are on facets.
-    """
-
-    places: Places
-    area: Array
-    node_area: Array
-    vertices: Array | None = None
-
-
-
 class NoGapError(ValueError):
     """Facets are where gaps cannot be measured: an iterate of Newton's method has gone too far."""
 
@@ -147,15 +126,14 @@ class Cutter(typing.Protocol):
         """Sides of owned nodes that may have multipliers, (nodes, block). Collective."""
 
     def choose(self, places: Places) -> Array | None:
-        """``Measure.vertices`` there. Collective."""
+        """Vertices that are to have points, see ``GapState.vertices``. Collective."""
 
-    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
-        """What is opposite to what at these places, with the areas of others. Collective.
+    def find(self, places: Places, vertices: Array | None) -> Found:
+        """What is opposite to what at these places. Collective.
 
         Args:
             places: The places; those of the last call are known if they are the same object.
-            measured: Those where areas are measured.
-            vertices: ``Measure.vertices``.
+            vertices: See ``GapState``.
         """
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -242,6 +220,16 @@ class Cutter(typing.Protocol):
             leaning: l_p (length), (rows,).
         """
 
+    def slip_beside(
+        self,
+        found: Found,
+        slip: SlipAtPoints,
+        leaning: Array,
+        num_rows: int,
+        markers: Vecs,
+    ) -> tuple[int, PETSc.Mat] | None:
+        """What :meth:`moving_slip` leaves out, as :meth:`moving_beside`; a row a component."""
+
     def add_slip_curvature_of_points(
         self,
         found: Found,
@@ -276,7 +264,8 @@ class Cut:
 
     Attributes:
         places: Where the facets are.
-        measure: With which areas.
+        vertices: Which of the slave have points, see ``GapState``.
+        node_area: S_k of owned nodes there.
         found: What is opposite to what.
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
         alone: The last of the points.
@@ -284,7 +273,8 @@ class Cut:
     """
 
     places: Places
-    measure: Measure
+    vertices: Array | None
+    node_area: Array
     found: Found
     operator: _cpp.GapOperator
     alone: Alone
@@ -299,8 +289,8 @@ class Cut:
 class Following:
     """Gaps of one pass at its contact quadrature points as nonlinear functions of the unknowns.
 
-    Weights of the points are areas as they were measured last. Forces are derivatives of gaps with
-    points that keep their places on the facets: each of them conserves momentum and moment.
+    Forces are derivatives of gaps with points that keep their places on the facets: each of them
+    conserves momentum and moment. Weights of the points are areas of the facets where these are.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -366,32 +356,27 @@ class Following:
                 out[i] = out[i] + scale[i] * values(vec)
         return out[0], out[1]
 
-    def measure(self, places: Places, vertices: Array | None = None) -> Measure:
-        """Measure areas where the facets are. Collective.
+    def choose(self, places: Places) -> Array | None:
+        """Vertices that are to have points with the facets there, see :class:`Cutter`. Collective.
 
         Args:
-            places: Where they are.
-            vertices: Those that are to be kept; None to choose them anew.
+            places: Where facets are.
         """
-        node_area = self._cutter.node_area(places)
-        if vertices is None:
-            vertices = self._cutter.choose(places)
-        covered = self._cutter.find(places, places, vertices).cover.sum(axis=1)
-        return Measure(places, np.where(covered > 0, covered, node_area), node_area, vertices)
+        return self._cutter.choose(places)
 
-    def cut(self, places: Places, measure: Measure) -> Cut:
+    def cut(self, places: Places, vertices: Array | None) -> Cut:
         """Gaps and their derivative with the facets at these places. Collective.
 
         Args:
             places: The places.
-            measure: Areas.
+            vertices: See ``GapState``.
 
         Raises:
             NoGapError: If places are not finite, or a ray of a curved facet meets no other.
         """
         last, comm = self._last, self._slave.comm
         there = last is not None and _equal(last.places, places)
-        same = there and last is not None and last.measure is measure
+        same = there and last is not None and last.vertices is vertices
         same = same and last is not None and last.carried is self.carried
         agreed = np.array([there, same], dtype=bool)
         comm.Allreduce(MPI.IN_PLACE, agreed, op=MPI.LAND)
@@ -405,26 +390,27 @@ class Following:
         finite = all(np.isfinite(x).all() for x in places)
         if not comm.allreduce(finite, op=MPI.LAND):
             raise NoGapError("displacements of contact facets are not finite (NaN, infinity)")
-        found = self._cutter.find(places, measure.places, measure.vertices)
+        found = self._cutter.find(places, vertices)
         missed = comm.allreduce(found.num_missed, op=MPI.SUM)
         if missed:
             raise NoGapError(
                 f"{missed} pieces of curved contact facets have rays that meet no point of the "
                 "facet opposite: the facets are too curved for their size"
             )
-        alone = self._alone(found, measure)
+        node_area = self._cutter.node_area(places)
+        alone = self._alone(found, vertices, node_area)
         operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
-        self._last = Cut(places, measure, found, operator, alone, self.carried)
+        self._last = Cut(places, vertices, node_area, found, operator, alone, self.carried)
         return self._last
 
-    def _alone(self, found: Found, measure: Measure) -> Alone:
+    def _alone(self, found: Found, vertices: Array | None, node_area: Array) -> Alone:
         """What keeps multipliers regular where next to nothing is opposite. Collective."""
         slave, sides = self._slave, self._sides_of_nodes
         least: Array | float = LEAST_COVER
-        if self.carried is not None and measure.vertices is None:
+        if self.carried is not None and vertices is None:
             least = np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
-        missing = least * sides * measure.node_area[:, None] - found.cover
+        missing = least * sides * node_area[:, None] - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 
@@ -439,11 +425,19 @@ class Following:
         assert self._slip is not None
         return self._slip[2]
 
-    def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> _cpp.GapOperator:
-        """Derivative of that slip with what points move by, see :class:`Cutter`. Collective."""
+    def moving_slip(
+        self, last: Cut, slip: SlipAtPoints, leaning: Array
+    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
+        """Derivative of that slip with what points move by, and what that leaves out. Collective.
+
+        See :class:`Cutter`.
+        """
+        assert self._marked is not None
         out = self._cutter.moving_slip(last.found, slip, last.alone, leaning)
         self._constrain(out)
-        return out
+        num_rows = last.operator.num_rows
+        rest = self._cutter.slip_beside(last.found, slip, leaning, num_rows, self._marked)
+        return out, rest
 
     def add_slip_curvature_of_points(
         self,

@@ -21,6 +21,7 @@ from qsdolfinx.gap.following import (
     sides_of,
     sums_of_sides,
 )
+from qsdolfinx.gap.vertex_normals import new_matrix
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
     at_vertices,
@@ -74,7 +75,7 @@ class Points(typing.NamedTuple):
         distance: From the tool, (facets, points).
         weight: Areas, 0 of those that are opposite to nothing, (facets, points).
         position: Of the tool.
-        places: Of the slave's facets where areas are measured at these; None where elsewhere.
+        places: Of the slave's facets.
     """
 
     x: Array
@@ -82,7 +83,7 @@ class Points(typing.NamedTuple):
     distance: Array
     weight: Array
     position: Array
-    places: Array | None
+    places: Array
 
 
 class ShapePoints:
@@ -214,7 +215,7 @@ class ShapePoints:
         area = at_vertices(self._slave, vertices.sum(axis=1))
         return np.where(self._corners, area, 0.0)
 
-    def find(self, places: Places, measured: Places, vertices: Array | None) -> Found:
+    def find(self, places: Places, vertices: Array | None) -> Found:
         """See :class:`Cutter`."""
         x = np.einsum("pj,fjd->fpd", self._T, places[0])
         distance, normal = (
@@ -225,11 +226,9 @@ class ShapePoints:
         opposite = np.abs(distance) <= self._radius
         if self._corners is None:
             opposite &= np.sum(outward * normal, axis=2) < 0
-        weight = np.where(opposite, self._weights(measured[0], vertices), 0.0)
+        weight = np.where(opposite, self._weights(places[0], vertices), 0.0)
         cover = sums_of_sides(self._slave, self._dofs.ravel(), (weight @ self._N).ravel())
-        follow = self._corners is None and np.array_equal(places[0], measured[0])
-        at = places[0] if follow else None
-        return Found(cover, Points(x, normal, distance, weight, places[1], at))
+        return Found(cover, Points(x, normal, distance, weight, *places[::-1]))
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
@@ -251,16 +250,25 @@ class ShapePoints:
         points = self._paired(found, alone)
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=True, rows=2)
 
-    def _paired(self, found: Found, alone: Alone) -> _cpp.PairingPoints:
-        """The points that are opposite to the tool, and those that are alone."""
-        return self.pairing_points(found).with_alone(*alone)
+    def _paired(self, found: Found, alone: Alone, factor: float = 1.0) -> _cpp.PairingPoints:
+        """The points that are opposite to the tool, and those that are alone.
+
+        Args:
+            found: What has been found.
+            alone: Those.
+            factor: Of normals.
+        """
+        return self._pairing_points(found, factor).with_alone(*alone)
 
     def pairing_points(self, found: Found) -> _cpp.PairingPoints:
         """See :class:`Cutter`."""
+        return self._pairing_points(found, 1.0)
+
+    def _pairing_points(self, found: Found, factor: float) -> _cpp.PairingPoints:
         at = found.of_cutter
         points = _cpp.sample_facets(self._slave.cpp_object, *self._rule)
         kept = at.weight.ravel() > 0
-        normal, gap = -at.normal.reshape(-1, 3), at.distance.ravel()
+        normal, gap = -factor * at.normal.reshape(-1, 3), at.distance.ravel()
         weight = at.weight.ravel() / np.asarray(points.weight)
         _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
         return points.scaled(weight[kept])
@@ -275,8 +283,25 @@ class ShapePoints:
         markers: Vecs,
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
-        """See :class:`Cutter`: points are fixed."""
-        return None
+        """See :class:`Cutter`: points are fixed, and areas are those of their facets."""
+        at = found.of_cutter
+        if self._corners is not None and turning is None:
+            return None
+        forces = at.weight * self._at_points(at, rest)
+        some = np.flatnonzero(np.any(at.weight > 0, axis=1))
+        value = np.einsum("fp,pk,fpjc->fkjc", forces[some], self._N, self._growth(at, some))
+        if turning is not None:  # τ stays in the plane of the tool there: n·δτ = −τ·δn
+            vectors, component = turning
+            n, bent = at.normal[some][..., component], self._bent(at, some)
+            turned = np.einsum("fpa,fpac->fpc", self._at_points(at, vectors)[some], bent)
+            factor = at.weight[some] * n
+            value -= np.einsum("fp,pk,pj,fpc->fkjc", factor, self._N, self._T, turned)
+        row = np.broadcast_to(self._dofs[some][:, :, None, None], value.shape)
+        columns = np.broadcast_to(self._free(markers, some)[:, None], value.shape)
+        none = self._paired(found, alone, 0.0)
+        operator = _cpp.GapOperator(self._slave.cpp_object, None, none, jump=False, rows=2)
+        entries = tuple(np.ascontiguousarray(v).ravel() for v in (row, columns, value))
+        return MovingFunctions(operator, [entries])  # type: ignore[list-item]
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
@@ -294,7 +319,8 @@ class ShapePoints:
         turn = now[:, :gdim] @ then[:, :gdim].T
         was_there = (on_tool - now[:, gdim]) @ turn + then[:, gdim]
         way = (was_there - before) @ turn.T
-        slip = way - np.sum(way * n, axis=1, keepdims=True) * n
+        along = np.sum(way * n, axis=1)
+        slip = way - along[:, None] * n
         points, operator = self._paired(found, alone), self.jump_at_points(found, alone)
         none = np.zeros((len(alone.weight), gdim))
         in_space = np.zeros((len(before), 3))
@@ -305,7 +331,8 @@ class ShapePoints:
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
         place = np.asarray(points.multiplier_values)
-        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap)
+        along = np.concatenate([along, none[:, 0]])
+        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap, along)
 
     def moving_slip(
         self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
@@ -321,7 +348,75 @@ class ShapePoints:
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
-        """See :class:`Cutter`: points keep their places on the facets."""
+        """See :class:`Cutter`: points are fixed; tractions stay in the planes of the tool."""
+        at, block = found.of_cutter, blocks[0]
+        assert block is not None
+        tau = self._at_points(at, traction)
+        some = np.flatnonzero(np.any(tau != 0, axis=(1, 2)))
+        w, tau, n = at.weight[some], tau[some], at.normal[some][..., : self._slave.gdim]
+        turned = np.einsum("fpa,fpac->fpc", tau, self._bent(at, some))
+        H = -np.einsum("fp,pi,fpa,pj,fpc->fiajc", w, self._T, n, self._T, turned)
+        H += np.einsum("fp,pi,fpa,fpjc->fiajc", w, self._T, tau, self._growth(at, some))
+        self._insert(block, self._free(markers, some), scale[0] * H)
+
+    def _at_points(self, points: Points, values: Array) -> Array:
+        """Values of rows at all points, 0 of those that have none, (facets, points, …)."""
+        kept = points.weight > 0
+        out = np.zeros(kept.shape + values.shape[1:])
+        out[kept] = values[: np.count_nonzero(kept)]
+        return out
+
+    def _bent(self, points: Points, some: npt.NDArray[np.int64]) -> Array:
+        """∂n/∂x of the tool at points of some facets, (facets, points, gdim, gdim)."""
+        gdim = self._slave.gdim
+        bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
+        return np.asarray(bent.reshape(len(some), len(self._w), 3, 3)[..., :gdim, :gdim])
+
+    def _growth(self, points: Points, some: npt.NDArray[np.int64]) -> Array:
+        """See :meth:`_area_growth`, by all nodes of some facets; vertices keep their areas."""
+        out = np.zeros((len(some), len(self._w), self._T.shape[1], self._slave.gdim))
+        if self._corners is None:
+            out[:, :, : self._slave.num_facet_vertices] = self._area_growth(points.places[some])
+        return out
+
+    def _free(self, markers: Vecs, some: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+        """Unknowns of nodes of some facets, −1 where conditions hold, (facets, nodes, gdim)."""
+        held = self._values(markers[0])[some, :, : self._slave.gdim] != 0
+        return np.where(held, -1, self._slave.trace_dofs[0][some]).astype(PETSc.IntType)
+
+    @staticmethod
+    def _insert(block: PETSc.Mat, dofs: npt.NDArray[np.int32], H: Array) -> None:
+        """Add matrices of facets, (facets, nodes, gdim, nodes, gdim)."""
+        for of_facet, values in zip(dofs, H, strict=True):
+            at = of_facet.ravel()
+            values = values.reshape(len(at), len(at))
+            block.setValues(at, at, values, PETSc.InsertMode.ADD_VALUES)
+
+    def slip_beside(
+        self,
+        found: Found,
+        slip: SlipAtPoints,
+        leaning: Array,
+        num_rows: int,
+        markers: Vecs,
+    ) -> tuple[int, PETSc.Mat] | None:
+        """See :class:`Cutter`: places on the tool, and planes there, move with the points."""
+        at, gdim, comm = found.of_cutter, self._slave.gdim, self._slave.comm
+        rows = PETSc.Vec().createMPI((num_rows * gdim, PETSc.DETERMINE), comm=comm)
+        kept, some = at.weight > 0, np.arange(len(at.weight))
+        factor = self._at_points(at, leaning - slip.of_cutter) - at.distance
+        value = np.einsum("fp,pj,fprc->fprjc", factor, self._T, self._bent(at, some))[kept]
+        number = rows.owner_range[0] + np.arange(np.count_nonzero(kept) * gdim)
+        row = np.broadcast_to(number.reshape(-1, gdim)[..., None, None], value.shape)
+        dofs = self._free(markers, some)
+        columns = np.broadcast_to(dofs[:, None, None], (*kept.shape, 1, *dofs.shape[1:]))[kept]
+        columns = np.broadcast_to(columns, value.shape)
+        free = columns >= 0
+        assert markers[0] is not None
+        sizes = rows.getSizes(), markers[0].getSizes()
+        out = new_matrix(*sizes, (row[free], columns[free], value[free]), comm)
+        rows.destroy()
+        return 0, out
 
     def add_curvature_of_points(
         self,
@@ -332,11 +427,14 @@ class ShapePoints:
         scale: tuple[float, float],
     ) -> None:
         """See :class:`Cutter`; points are fixed."""
-        points = found.of_cutter
-        kept = points.weight > 0
-        of_points = np.zeros(kept.shape)
-        of_points[kept] = pressure[: np.count_nonzero(kept)]
-        self._add_curvature(points, points.weight * of_points, markers, blocks, scale)
+        at, block = found.of_cutter, blocks[0]
+        assert block is not None
+        force = at.weight * self._at_points(at, pressure)
+        some = np.flatnonzero(np.any(force != 0, axis=1))
+        force, n = -force[some], at.normal[some][..., : self._slave.gdim]
+        H = np.einsum("fp,pi,pj,fpab->fiajb", force, self._T, self._T, self._bent(at, some))
+        H += np.einsum("fp,pi,fpa,fpjb->fiajb", force, self._T, n, self._growth(at, some))
+        self._insert(block, self._free(markers, some), scale[0] * H)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -348,29 +446,3 @@ class ShapePoints:
         kept, x = found.of_cutter.weight > 0, self._slave.coordinates[0]
         size = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1).max(axis=(1, 2), initial=0.0)
         return np.asarray(np.broadcast_to(size[:, None], kept.shape)[kept])
-
-    def _add_curvature(
-        self,
-        points: Points,
-        force: Array,
-        markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
-    ) -> None:
-        """Add Σ_p f_p ∂²g_p for forces of all points, (facets, points)."""
-        gdim, block = self._slave.gdim, blocks[0]
-        assert block is not None
-        held = self._values(markers[0])[..., :gdim] != 0
-        dofs = np.where(held, -1, self._slave.trace_dofs[0]).astype(PETSc.IntType)
-        some = np.flatnonzero(np.any(force != 0, axis=1))
-        bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
-        bent = bent.reshape(len(some), len(self._w), 3, 3)[..., :gdim, :gdim]
-        H = np.einsum("fp,pi,pj,fpab->fiajb", -force[some], self._T, self._T, bent) * scale[0]
-        if points.places is not None:
-            grows, n = self._area_growth(points.places[some]), points.normal[some][..., :gdim]
-            of_areas = np.einsum("fp,pi,fpa,fpjb->fiajb", -force[some], self._T, n, grows)
-            H[:, :, :, : grows.shape[2]] += scale[0] * of_areas
-        width = dofs[0].size if len(dofs) else 0
-        for f, of_facet in zip(some, H, strict=True):
-            at = dofs[f].ravel()
-            block.setValues(at, at, of_facet.reshape(width, width), PETSc.InsertMode.ADD_VALUES)

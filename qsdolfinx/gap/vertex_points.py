@@ -86,20 +86,16 @@ class Vertices:
         return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
 
     def pieces(
-        self, moving: Twins, measured: Twins, vertices: Array | None
+        self, surfaces: Twins, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
-        moving[0].measure_nodes()
+        surfaces[0].measure_nodes()
         area = np.ascontiguousarray(vertices[:, 0])
         which = (area > 0).astype(np.uint8)
-        out = _cpp.vertex_pieces(*moving, False, which, area, self._radius)
-        normals = raise_facets(out, self._normals, moving[1])
+        out = _cpp.vertex_pieces(*surfaces, False, which, area, self._radius)
+        normals = raise_facets(out, self._normals, surfaces[1])
         return out, normals if self._master is not None else None  # a tool's are as they are
-
-    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
-        """See :class:`Finder`."""
-        return None
 
 
 class ToolVertices:
@@ -150,18 +146,14 @@ class ToolVertices:
         return out
 
     def pieces(
-        self, moving: Twins, measured: Twins, vertices: Array | None
+        self, surfaces: Twins, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
-        moving[1].measure_nodes()
+        surfaces[1].measure_nodes()
         which = (vertices[:, 0] > 0).astype(np.uint8)
-        out = _cpp.vertex_pieces(*moving, True, which, self._area, self._radius)
-        return out, raise_facets(out, self._normals, moving[0])
-
-    def weighed(self, pieces: _cpp.Pieces, measured: Twins) -> _cpp.Pieces | None:
-        """See :class:`Finder`."""
-        return None
+        out = _cpp.vertex_pieces(*surfaces, True, which, self._area, self._radius)
+        return out, raise_facets(out, self._normals, surfaces[0])
 
 
 def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:

@@ -19,7 +19,6 @@ from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import (
     Cut,
     Following,
-    Measure,
     MovingFunctions,
     Places,
     SlipAtPoints,
@@ -62,7 +61,9 @@ class GapState:
         places: Where meshes had moved tied surfaces by then; None where they were tied.
         turned: How gaps between tied surfaces have turned by then, or by the last evaluation.
         base: Where facets that follow their bodies are with unknowns 0.
-        measure: Their areas.
+        vertices: Where points are vertices, the areas that they stand for at the sides of owned
+            nodes that have one, 0 at others, (nodes, block): they stay as they were when they were
+            chosen, since multipliers are over them. None where points are on facets.
         conductance: h of the rows, of contact that conducts; None of other laws.
         closed: With rows at points, the closed part of what each side of an owned node covers at
             the last solution, (nodes, gdim); None before any.
@@ -80,7 +81,7 @@ class GapState:
     places: TiePlaces | None = None
     turned: Turned | None = None
     base: Places | None = None
-    measure: Measure | None = None
+    vertices: Array | None = None
     conductance: Array | None = None
     closed: Array | None = None
     memory: dict[str, Array] = dataclasses.field(default_factory=dict)
@@ -147,11 +148,11 @@ class WeightedGap:
         self.following = following
         #: The last evaluation of gaps that follow the bodies.
         self.cut: Cut | None = None
-        base = measure = None
+        base = vertices = None
         if following is not None:
             base = following.paired_at
-            measure = following.measure(base)
-            self.cut = following.cut(base, measure)
+            vertices = following.choose(base)
+            self.cut = following.cut(base, vertices)
         #: Without what turns.
         self._own = self._operator(law.jump) if self.cut is None else self.cut.operator
         self._marked: Vecs | None = None
@@ -174,7 +175,7 @@ class WeightedGap:
         #: What changes while the pairing stays.
         allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
         self.state = GapState(zero, multipliers, zero, zero, allowance)
-        self.state.base, self.state.measure = base, measure
+        self.state.base, self.state.vertices = base, vertices
         self.forget()
         #: How ties count what has moved since they were made; None of other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
@@ -349,10 +350,9 @@ class WeightedGap:
     def _cut_at(self, u: Vecs) -> None:
         """Cut the facets anew where the unknowns put them. Collective."""
         state = self.state
-        assert self.following is not None
-        assert state.base is not None and state.measure is not None
+        assert self.following is not None and state.base is not None
         places = self.following.places(state.base, u, state.scale)
-        self.show(self.following.cut(places, state.measure))
+        self.show(self.following.cut(places, state.vertices))
         state.values = -(self._own.initial_gap + self.allowance)[:, None]
 
     @property
@@ -376,67 +376,39 @@ class WeightedGap:
         assert self.following is not None
         self.state.base = self.following.pair()
 
-    def measure_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
-        """Measure areas where those unknowns alone put the facets that are kept. Collective.
+    def choose_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
+        """Choose vertices where those unknowns alone put the facets that are kept. Collective.
 
-        Vertices that bear keep their points and areas: else the step would not begin in
-        equilibrium.
+        Those that bear keep their points and areas: else the step would not begin in equilibrium.
 
         Args:
             u: The unknowns.
             kept: Which of the two sides are.
         """
-        state = self.state
+        state, before = self.state, self.state.vertices
         assert self.following is not None and state.base is not None
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
-        places = self.following.places(state.base, u, scale)
-        measure = self.following.measure(places)
-        before = None if state.measure is None else state.measure.vertices
-        if measure.vertices is not None and before is not None and self.following.points_are_own:
+        state.vertices = self.following.choose(self.following.places(state.base, u, scale))
+        if before is not None and state.vertices is not None and self.following.points_are_own:
             bears = (state.augmented > 0) & (before > 0)
-            more = bool(bears.any())
-            wanted = np.where(bears, before, measure.vertices)
-            if self.slave.comm.allreduce(more, op=MPI.LOR):
-                measure = self.following.measure(places, wanted)
-        state.measure = measure
-
-    def measure_now(self) -> None:
-        """Measure areas where the facets are at the last evaluation. Collective."""
-        if self.following is not None and self.cut is not None:
-            kept = None if self.state.measure is None else self.state.measure.vertices
-            self.state.measure = self.following.measure(self.cut.places, kept)
-
-    def measure_all(self) -> float:
-        """The same. Collective.
-
-        Returns:
-            Largest change of an area on this rank, over the area of the node.
-        """
-        before = self.state.measure
-        if self.following is None or self.cut is None or before is None:
-            return 0.0
-        self.measure_now()
-        assert self.state.measure is not None
-        change = np.abs(self.state.measure.area - before.area) / before.node_area
-        return float(np.max(change[self.cut.covered], initial=0.0))
+            state.vertices = np.where(bears, before, state.vertices)
 
     def choose_vertices(self) -> bool:
         """Give points to vertices that need them at the last evaluation; whether others do.
 
-        None loses its point before areas are measured anew: with it faces may lean by just so much
-        less that it would not need it, and without it by more. Collective.
+        None loses its point: with it faces may lean by just so much less that it would not need it,
+        and without it by more. Collective.
         """
-        before = self.state.measure
-        if self.following is None or self.cut is None or before is None or before.vertices is None:
+        before = self.state.vertices
+        if self.following is None or self.cut is None or before is None:
             return False
-        places = self.cut.places
-        chosen = self.following.measure(places).vertices
+        chosen = self.following.choose(self.cut.places)
         assert chosen is not None
-        vertices = np.where(before.vertices > 0, before.vertices, chosen)
-        same = np.array_equal(vertices, before.vertices)
+        vertices = np.where(before > 0, before, chosen)
+        same = np.array_equal(vertices, before)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return False
-        self.state.measure = self.following.measure(places, vertices)
+        self.state.vertices = vertices
         return True
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
@@ -541,8 +513,13 @@ class WeightedGap:
             self.cut, of_sides, self._share * rest, moves, turning
         )
 
-    def moving_slip(self, start: Places, leaning: Array) -> _cpp.GapOperator:
-        """Derivative of the slip since then with what points move by, and −l_p δn. Collective."""
+    def moving_slip(
+        self, start: Places, leaning: Array
+    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
+        """Derivative of the slip since then with what points move by, and −l_p δn. Collective.
+
+        And what that leaves out, see ``Cutter.slip_beside``.
+        """
         assert self.following is not None and self.cut is not None
         slip = self.following.slip_at_points(self.cut, start)
         return self.following.moving_slip(self.cut, slip, leaning)

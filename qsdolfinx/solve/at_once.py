@@ -24,9 +24,8 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Times that a solve goes on with areas measured anew, and change over the area of a node that is
-#: none.
-MAX_MEASURES, SAME_AREA = 5, 1e-3
+#: Times that a solve goes on where other nodes have multipliers, or other vertices points.
+MOST_OTHERS = 5
 
 
 UNSETTLED = (
@@ -86,14 +85,14 @@ class AtOnce:
         """
         newton, system = self._newton, self._system
         known = [multipliers.known(contact) for contact in system.contacts]
-        measures = [gap.state.measure for gap in system.gaps]
+        vertices = [gap.state.vertices for gap in system.gaps]
         equations, before = Equations(system), system.x.array.copy()
         loop = OneNewton(equations, newton, self._again, stiffness)
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
             equations.end_at(z)
-            for _ in range(MAX_MEASURES):
+            for _ in range(MOST_OTHERS):
                 others = system.have_vertices_changed() or equations.has_other_multipliers()
                 if not (others or self._are_others_allowed()):
                     break
@@ -103,7 +102,6 @@ class AtOnce:
                 loop = OneNewton(equations, newton, True, stiffness)
                 with system.watch.stage("solve"):
                     z = loop.solve(equations.first(), begins=False)
-                    z = self._with_areas(equations, loop, z)
                 equations.end_at(z)
             else:
                 warn(UNSETTLED, ContactWarning)
@@ -112,8 +110,8 @@ class AtOnce:
             self._note_failure(error, loop)
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
-            for gap, measure in zip(system.gaps, measures, strict=True):
-                gap.state.measure = measure
+            for gap, chosen in zip(system.gaps, vertices, strict=True):
+                gap.state.vertices = chosen
             system.x.array[:] = before
             self._again = False
             return False
@@ -152,17 +150,6 @@ class AtOnce:
                 raise
             self._newton.record.restarts += 1
             z = loop.solve(self._begin_again(equations, z))
-        return self._with_areas(equations, loop, z)
-
-    def _with_areas(self, equations: Equations, loop: OneNewton, z: Array) -> Array:
-        """The solution with areas as they are there. Collective."""
-        for _ in range(MAX_MEASURES):
-            if not self._system.have_areas_changed(SAME_AREA):
-                return z
-            equations.forget()
-            z = loop.solve(z, begins=False)
-        if self._system.have_areas_changed(SAME_AREA):
-            warn(UNSETTLED, ContactWarning)
         return z
 
     def _begin(self, equations: Equations) -> Array:

@@ -11,7 +11,6 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
-from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset, vectors_of
@@ -86,7 +85,6 @@ class OneNewton:
             NoConvergence: If none is found.
         """
         self._balance.begin()
-        self._mixing = Mixing(self.equations.system.comm)
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -109,44 +107,13 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
-            mixed = self._mixed(z, at, change) if iteration > 1 and self._leaves_out else None
-            z, at, step = mixed or self._search(z, at, change, is_first)
+            z, at, step = self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
-            if self.equations.measure():
-                at = self.equations.evaluate(z)
             change = None
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
-
-    @property
-    def _leaves_out(self) -> bool:
-        """Whether the derivative leaves something out: where gaps follow, and of users' secants."""
-        gaps = [p.gap for p in self.equations.passes]
-        return any(gap.following is not None or bool(gap.law.memory) for gap in gaps)
-
-    def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
-        """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
-
-        Residuals of before were those of the areas at their iterates, and so is the one there.
-        Collective.
-        """
-        residual = self.equations.in_forces(self.equations.residual_of(at))
-        step = self._mixing.step(z, residual, change, self._balance.keeps_its_set)
-        if step is None:
-            return None
-        try:
-            there = self.equations.evaluate(z + step)
-            if self.equations.measure():
-                there = self.equations.evaluate(z + step)
-            if self._merit(there) <= LEFT * self._merit(at):
-                return z + step, there, 1.0
-        except NoGapError:
-            pass
-        self.equations.evaluate(z)
-        self.equations.measure()
-        return None
 
     def _sticking(self, at: State) -> list[bool] | None:
         """Passes that go on sticking, since bodies would have nothing to hold them; None for none.

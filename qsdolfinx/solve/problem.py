@@ -446,7 +446,7 @@ class ContactProblem:
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
-            motion.measure_anew(contact, self.u[s], None if m is None else self.u[m])
+            motion.begin_to_follow(contact, self.u[s], None if m is None else self.u[m])
             motion.begin_slip(contact, self.u[s], None if m is None else self.u[m])
         self._find_moved()
 
@@ -525,7 +525,7 @@ class ContactProblem:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]
         known = [multipliers.known(contact) for contact in self.system.contacts]
-        measures = [gap.state.measure for gap in self.system.gaps]
+        vertices = [gap.state.vertices for gap in self.system.gaps]
         self._begin_slips()
         with interrupt.heeded(self.comm):
             self._set_up()
@@ -537,7 +537,7 @@ class ContactProblem:
             if is_a_body_lost(self.system, start):
                 self.newton.fail(LOST)
         except BaseException as error:
-            self._put_back(known, measures)
+            self._put_back(known, vertices)
             if isinstance(error, ConvergenceError):
                 balance.restore()
             self._begin_slips()
@@ -595,12 +595,12 @@ class ContactProblem:
             return False
         return True
 
-    def _put_back(self, known: list[list[multipliers.Known]], measures: list[typing.Any]) -> None:
-        """Multipliers, and areas of gaps that follow the bodies, as they were."""
+    def _put_back(self, known: list[list[multipliers.Known]], vertices: list[typing.Any]) -> None:
+        """Multipliers, and which vertices have points, as they were."""
         for contact, kept in zip(self.system.contacts, known, strict=True):
             multipliers.set_known(contact, kept)
-        for gap, measure in zip(self.system.gaps, measures, strict=True):
-            gap.state.measure = measure
+        for gap, chosen in zip(self.system.gaps, vertices, strict=True):
+            gap.state.vertices = chosen
 
     def _advise(self, error: ConvergenceError) -> None:
         """Say what may help."""

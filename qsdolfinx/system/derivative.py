@@ -337,26 +337,27 @@ class Derivative:
             moves = not rows.far and p.gap.following is not None
             if moves and (moving := p.gap.moving_operator()) is not p.gap.operator:
                 by_tool = None if p.tool is None else self._tools.moved_gaps(p, moving)
-                beside = self._beside_gaps(p)
+                beside = self._beside_rows(p, p.gap.moving_beside())
                 gaps = gap, self._gaps(p, moving, by_tool)._replace(beside=beside)
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
             if friction is not None and p.slip is not None:
-                operator = p.slip.operator
+                operator, rest = p.slip.operator, None
                 if moves and tangential is not None:
-                    operator = friction.moving_operator(tangential)
-                slip = self._gaps(p, operator, change[1])
-                works = p.slip.works is not operator
-                slips = self._gaps(p, p.slip.works, change[1]) if works else slip, slip
+                    operator, rest = friction.moving_operator(tangential)
+                slip = self._gaps(p, operator, change[1])._replace(beside=self._beside_rows(p, rest))
+                differ = p.slip.works is not operator or rest is not None
+                slips = self._gaps(p, p.slip.works, change[1]) if differ else slip, slip
             numbers = own, of_slip
             moving = self._moving(p, rows, at, tangential)
             made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
 
-    def _beside_gaps(self, p: Pass) -> _cpp.CompressedRows | None:
-        """What gaps change by as normals of nodes turn with all facets there. Collective."""
-        found = p.gap.moving_beside()
+    def _beside_rows(
+        self, p: Pass, found: tuple[int, PETSc.Mat] | None
+    ) -> _cpp.CompressedRows | None:
+        """What operators of gaps and slips leave out, in numbers of all unknowns. Collective."""
         if found is None:
             return None
         body = p.bodies[found[0]]

@@ -376,18 +376,6 @@ class Equations:
         self.driven.restart()
         self._at = None
 
-    def measure(self) -> bool:
-        """Measure areas of gaps that follow at the last evaluation; whether there are any.
-
-        Collective. R takes them as given: the derivative leaves out how they change.
-        """
-        following = [p.gap for p in self.passes if p.gap.following is not None]
-        for gap in following:
-            gap.measure_now()
-        if following:
-            self._at = None
-        return bool(following)
-
     def has_other_multipliers(self) -> bool:
         """Whether other nodes are covered at the last evaluation than where unknowns were found.
 
@@ -440,10 +428,6 @@ class Equations:
                 p.rows.condensed.far = far
             if p.rows.condensed_friction is not None:
                 p.rows.condensed_friction.proximal = part
-
-    def forget(self) -> None:
-        """Evaluate anew, since the state has been changed."""
-        self._at = None
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""

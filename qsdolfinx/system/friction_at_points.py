@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -287,8 +288,13 @@ class PointFriction:
         ]
         return None if None in found else [one for one in found if one is not None]
 
-    def moving_operator(self, at: Tangential) -> _cpp.GapOperator:
-        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective."""
+    def moving_operator(
+        self, at: Tangential
+    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
+        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective.
+
+        And what that leaves out, see ``Cutter.slip_beside``.
+        """
         return self.slip.moving_operator(self.elastic, self.seen(at.multiplier), self.gamma)
 
     def softened(self) -> Array:

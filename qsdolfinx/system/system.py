@@ -156,25 +156,6 @@ class ContactSystem:
         bodies = all(body.linear for body in self.bodies)
         return bodies and all(contact.is_linear for contact in self.contacts)
 
-    def have_areas_changed(self, same: float) -> bool:
-        """Measure areas of gaps that follow the bodies anew; whether they are others. Collective.
-
-        Otherwise they are left as they are.
-
-        Args:
-            same: Change over the area of a node that is none.
-        """
-        gaps = [gap for gap in self.gaps if gap.following is not None]
-        if not gaps:
-            return False
-        before = [gap.state.measure for gap in gaps]
-        change = max([gap.measure_all() for gap in gaps])
-        if self.comm.allreduce(change > same, op=MPI.LOR):
-            return True
-        for gap, kept in zip(gaps, before, strict=True):
-            gap.state.measure = kept
-        return False
-
     def have_vertices_changed(self) -> bool:
         """Choose anew which vertices have points of their own; whether others have. Collective."""
         return any([gap.choose_vertices() for gap in self.gaps])

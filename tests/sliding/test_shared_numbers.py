@@ -34,6 +34,14 @@ class Side:
         )
 
 
+def size(x):
+    """Lengths of intervals or areas of triangles, (facets, vertices, 3)."""
+    first = x[:, 1] - x[:, 0]
+    if x.shape[1] == 2:
+        return np.linalg.norm(first, axis=1)
+    return np.linalg.norm(np.cross(first, x[:, 2] - x[:, 0]), axis=1) / 2
+
+
 class Pass:
     """½ Σ_k G_k²/S_k of a slave and a master, areas and S_k of where they are given."""
 
@@ -49,16 +57,16 @@ class Pass:
         for surface, side, x in zip(self.moving, self.sides, places, strict=True):
             surface.follow(np.ascontiguousarray(x[side.facets]))
         self.pieces = _cpp.overlay_pieces(
-            *self.moving, *self.still, self.both, _cpp.SearchRadius(10.0),
-            *overlay_rules(self.gdim, 4)
-        )  # fmt: skip
+            *self.moving, self.both, _cpp.SearchRadius(10.0), *overlay_rules(self.gdim, 4)
+        )
         none, alone = np.zeros(0), np.zeros(0, dtype=np.int64)
         operator = _cpp.GapOperator(
             *self.still, points_of=self.pieces, alone=alone, weight=none, far=1.0
         )
         self.sizes = [len(x) * self.gdim for x in places]
         vecs = [PETSc.Vec().createSeq(n) for n in self.sizes]
-        weight, at_nodes = np.asarray(operator.row_area), vecs[0].duplicate()
+        weight = np.asarray(operator.row_area) * self.growth(places)
+        at_nodes = vecs[0].duplicate()
         operator.add_to_nodes(-weight * np.asarray(operator.initial_gap), at_nodes.handle)
         gap = at_nodes.array.reshape(-1, self.gdim).sum(axis=1)  # of all sides of a node
         multiplier = gap / self.node_area
@@ -79,6 +87,18 @@ class Pass:
         self.forces = np.concatenate([v.array for v in vecs]).reshape(-1, self.gdim)
         self.places = np.concatenate(places)[:, : self.gdim]
         return self
+
+    def growth(self, places):
+        """Areas of the facets that were cut where they are given, over those now, (points,)."""
+        facets, ends = np.asarray(self.pieces.facets()), self.sides[0].facets.shape[1] + 1
+        out = np.empty(len(facets))
+        for cut, side, x, columns in zip(
+            (1, 0), self.sides, places, (slice(1, ends), slice(ends, None)), strict=True
+        ):
+            some = facets[:, 0] == cut
+            nodes = facets[some, columns] // self.gdim
+            out[some] = size(side.x[nodes]) / size(x[nodes])
+        return out
 
     def balance(self):
         """Net force and net moment, largest components."""

@@ -95,7 +95,7 @@ def test_second_one_is_handled_at_once():
         ("direct", "matrix"),
         ("direct", "rebuild"),
         ("amg", "symmetric_matrix"),
-        ("amg", "have_areas_changed"),
+        ("amg", "have_vertices_changed"),
     ],
 )
 def test_second_one_in_the_midst_of_assembly(solver, name):
@@ -250,7 +250,7 @@ def stops(call):
         *(("direct", moment) for moment in ("residual", "matrix", "snes")),
         *(
             ("amg", moment)
-            for moment in ("residual", "symmetric_matrix", "have_areas_changed", "ksp")
+            for moment in ("residual", "symmetric_matrix", "have_vertices_changed", "ksp")
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Anderson's mixing of Newton steps whose derivative leaves something out."""
+"""Scenes in which much depends on all that the derivative has of points, areas and vertices."""
 
 import numpy as np
 import pytest
@@ -6,55 +6,6 @@ from following import Body, E, create, problem_of
 from scenes import WORLD, box, plane
 
 import qsdolfinx as qs
-from qsdolfinx.solve.mixing import LEFT, MOST, Mixing
-
-
-def iterations(left_out, mixes, most=200):
-    """Iterations until |A z − b| < 1e-10, with a derivative that lacks a part of A."""
-    rng = np.random.default_rng((3, WORLD.rank))
-    n = 20
-    diagonal, b, z = rng.uniform(1, 2, n), rng.uniform(-1, 1, n), np.zeros(n)
-    mixing = Mixing(WORLD)
-    for k in range(most):
-        residual = diagonal * z - b
-        if np.sqrt(WORLD.allreduce(residual @ residual)) < 1e-10:
-            return k
-        step = -residual / (diagonal * (1 + left_out))
-        mixed = mixing.step(z, residual, step, True) if mixes else None
-        z = z + (step if mixed is None else mixed)
-    return most
-
-
-@pytest.mark.parametrize("slow", (0.8, -0.5))
-def test_what_is_left_out(slow):
-    """As many factors by which the residual falls as are mixed are found at once, on all ranks."""
-    n = 20
-    few = np.zeros(n)
-    if WORLD.rank == 0:
-        few[:3] = slow / (1 - slow), 0.5 * slow, 0.2 * slow
-    assert iterations(few, False) > 25
-    assert iterations(few, True) < 15
-    assert iterations(np.zeros(n), True) == 1
-
-
-def test_nothing_alike():
-    """Another set of constraints: nothing before is mixed."""
-    mixing, z = Mixing(WORLD), np.ones(3)
-    assert mixing.step(z, z, -0.2 * z, True) is None
-    assert mixing.step(0.8 * z, 0.8 * z, -0.16 * z, False) is None
-    np.testing.assert_allclose(mixing.step(0.64 * z, 0.64 * z, -0.128 * z, True), -0.64 * z)
-
-
-def test_residuals_that_say_nothing():
-    """No mixing where the residual does not change, falls fast, or much of it would be left."""
-    z = np.ones(5)
-    same = Mixing(WORLD)
-    assert [same.step(z, z, -z, True) for _ in range(MOST + 2)] == [None] * (MOST + 2)
-    fast = Mixing(WORLD)
-    assert [fast.step(z, 0.01**k * z, -z, True) for k in range(4)] == [None] * 4
-    wild = Mixing(WORLD)  # 1/√2 and 1/√3 would be left
-    assert [wild.step(z, r, -z, True) for r in np.eye(5)[:3]] == [None] * 3
-    assert LEFT < 1 / np.sqrt(3)
 
 
 def tip(n, half):
@@ -69,9 +20,9 @@ def tip(n, half):
 
 @pytest.mark.one_rank
 def test_corners_on_a_tip_that_bends():
-    """Facets before a corner are curved as the tip is bent; the derivative does not know of it.
+    """Facets before a corner are curved as the tip is bent, and so is the derivative.
 
-    The residual falls by a fifth in each iteration: 100 were not enough.
+    Without how normals of nodes turn 100 iterations were not enough.
     """
     sides = (-1.02, -0.02), (0.02, 1.02)
     blocks = [
@@ -94,15 +45,15 @@ def test_corners_on_a_tip_that_bends():
     stepper = qs.TimeStepper(problem, 0.05, drive, min_quality=0.003)
     steps = [stepper.num_iterations for _ in stepper.run(0.15)]
     assert stepper.num_cutbacks == 0
-    assert steps[-1] <= 20
+    assert max(steps) <= 30 and steps[-1] <= 10
     force = sum(contact.force("slave") for contact in contacts)
     assert force[1] == pytest.approx(-1.126, rel=0.02)
 
 
 def test_round_punch_on_a_line_of_the_mesh():
-    """Residuals that are mixed are those of the areas at each iterate, the one tried included.
+    """Pieces that are closed in part, areas, and a corner that bears, are all in the derivative.
 
-    With the areas of before it never was half as large: 100 iterations did not do, at any step.
+    With what rims alone add, and areas held, 100 iterations did not do, at any step.
     """
     forces = [pressed_by_a_punch(swapped) for swapped in (False, True)]
     assert forces[0] == pytest.approx(forces[1], rel=5e-3)
@@ -128,5 +79,5 @@ def pressed_by_a_punch(swapped):
 
     stepper = qs.TimeStepper(problem, 0.05, drive)
     steps = [stepper.num_iterations for _ in stepper.run(0.6)]
-    assert stepper.num_cutbacks == 0 and max(steps) <= 20
+    assert stepper.num_cutbacks == 0 and max(steps) <= 12
     return contact.force("master" if swapped else "slave")[1]
