@@ -23,8 +23,10 @@ class FunctionsOfPieces:
         pieces: Pieces,
         field: int,
         rest: numpy.typing.NDArray[numpy.float64],
-        at_rim: numpy.typing.NDArray[numpy.float64],
+        moves: bool,
         markers: Sequence[int],
+        turning: numpy.typing.NDArray[numpy.float64],
+        component: int,
     ) -> None:
         """Of a field of the sides of the slave's nodes, and numbers at the points; collective."""
 
@@ -83,6 +85,30 @@ class GapOperator:
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Derivative of slip at these points, or what tractions work on there; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        moving: Pieces,
+        slip: SlipOfPieces,
+        *,
+        leaning: numpy.typing.NDArray[numpy.float64],
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """The former with what points move by; see gap/point_rows.h; collective."""
+
+    @overload
+    def __init__(
+        self,
+        slave: Surface,
+        master: Surface | None,
+        moving: Pieces,
+        *,
+        weight: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Derivative of gaps with what points move by; see gap/gap.h; collective."""
 
     @overload
     def __init__(
@@ -256,9 +282,6 @@ class Pieces:
     def num_missed(self) -> int:
         """Pieces with a ray that meets no point."""
 
-    def weighed(self, slave_measured: Surface, master_measured: Surface) -> Pieces:
-        """The same with areas that are measured elsewhere."""
-
     @property
     def num_points(self) -> int: ...
     def cover(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -273,18 +296,37 @@ class Pieces:
     def raise_facets(self, normals: int) -> None:
         """Let facets before vertices stand for a curved surface; collective."""
 
+    def gaps_by_normals(
+        self,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.int64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """Derivatives of gaps by the normals that facets are raised with: points, unknowns that stand for components of normals, values."""
+
+    def forces_by_normals(
+        self, stress: numpy.typing.NDArray[numpy.float64], slips: bool
+    ) -> tuple[
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+        tuple[
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.int64],
+            numpy.typing.NDArray[numpy.float64],
+        ],
+    ]:
+        """The same of forces of pressures or tractions, on both bodies; rows are unknowns."""
+
     @property
     def rise(self) -> numpy.typing.NDArray[numpy.float64]:
         """Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex]."""
 
     @rise.setter
     def rise(self, arg: numpy.typing.NDArray[numpy.float64], /) -> None: ...
-    def rim_gaps(self) -> numpy.typing.NDArray[numpy.float64]:
-        """The same of the points of the rim."""
-
-    def rim_values(self, values: int) -> numpy.typing.NDArray[numpy.float64]:
-        """Values of a field of the sides of the slave's nodes there; collective."""
-
     def functions(self) -> numpy.typing.NDArray[numpy.float64]:
         """Functions of the slave's vertices at the points, [point][k]."""
 
@@ -553,12 +595,11 @@ def insert_curvature_of_points(
     master: Surface | None,
     pieces: Pieces,
     pressure: numpy.typing.NDArray[numpy.float64],
-    at_rim: numpy.typing.NDArray[numpy.float64],
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],
 ) -> None:
-    """Add the sum of pressures at points times second derivatives of their gaps to the blocks (ss, sm, ms, mm). Collective."""
+    """Add how forces of pressures change as gaps bend and points move to the blocks (ss, sm, ms, mm). Collective."""
 
 def insert_friction(
     jump: GapOperator,
@@ -574,7 +615,6 @@ def insert_slip_curvature_of_points(
     master: Surface | None,
     pieces: Pieces,
     traction: numpy.typing.NDArray[numpy.float64],
-    at_rim: numpy.typing.NDArray[numpy.float64],
     markers: Sequence[int],
     blocks: Sequence[int],
     scale: Sequence[float],
@@ -592,8 +632,6 @@ def mean_of_rows(
 def overlay_pieces(
     slave: Surface,
     master: Surface,
-    slave_measured: Surface,
-    master_measured: Surface,
     both: bool,
     radius: SearchRadius,
     piece_x: numpy.typing.NDArray[numpy.float64],

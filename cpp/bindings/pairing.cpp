@@ -8,6 +8,8 @@
 
 #include <cmath>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+#include <tuple>
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -33,11 +35,11 @@ Rule rule(const In<double>& x, const In<double>& w)
 }
 
 /// Rows, columns and values.
-nb::tuple entries(ByNormals&& found)
+auto entries(ByNormals&& found)
 {
   const std::size_t n = found.value.size();
-  return nb::make_tuple(copy(std::move(found.row), {n}), copy(std::move(found.column), {n}),
-                        copy(std::move(found.value), {n}));
+  return std::tuple(copy(std::move(found.row), {n}), copy(std::move(found.column), {n}),
+                    copy(std::move(found.value), {n}));
 }
 
 /// Relief of a surface from its parts. @throws nb::value_error if heights are of another shape
@@ -228,7 +230,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           [](const Pieces& p, In<double> stress, bool slips)
           {
             auto [slave, master] = forces_by_normals(p, stress.view(), slips);
-            return nb::make_tuple(entries(std::move(slave)), entries(std::move(master)));
+            return std::tuple(entries(std::move(slave)), entries(std::move(master)));
           },
           "stress"_a, "slips"_a,
           "The same of forces of pressures or tractions, on both bodies; rows are unknowns.")

@@ -50,7 +50,8 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
       std::copy_n(&values[(p * nodes + i) * d], d, m.begin());
       if (!(dot(m, outward) > smooth_cosine)) // where it is none, or the surface turns sharply
         continue;
-      std::copy_n(m.begin(), 3, pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));
+      std::copy_n(m.begin(), 3,
+                  pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));
       for (std::size_t j = 0; j < n; ++j)
         if (j != i && (n < 4 || i + j != 3)) // along edges
         {
@@ -122,8 +123,7 @@ std::array<ByNormals, 2> qsdolfinx::forces_by_normals(const Pieces& pieces,
             for (std::size_t c = 0; c < d; ++c)
               out[s].append(
                   sides[s]->dofs[(i * static_cast<std::size_t>(sides[s]->num_nodes) + j) * d + r],
-                  side.dofs[(i * nodes + k) * d + c],
-                  by_normals[((3 * node + r) * n + k) * 3 + c]);
+                  side.dofs[(i * nodes + k) * d + c], by_normals[((3 * node + r) * n + k) * 3 + c]);
   }
   return out;
 }

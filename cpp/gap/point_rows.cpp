@@ -442,8 +442,8 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
     {
       const double force = points[p].weight * rest[first + p];
       const double* motion = moves ? &motions_of(pieces)[(first + p) * 3 * size] : nullptr;
-      const auto N
-          = shape_functions(pieces.slave.type, pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta);
+      const auto N = shape_functions(pieces.slave.type,
+                                     pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta);
       for (std::size_t k = 0; k < nk; ++k)
         for (std::size_t c = 0; c < size; ++c)
         {
@@ -457,7 +457,8 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
           gradient[(first + p) * size + c] += lambda[i * nk + k] * value;
           sum[k * size + c] += force * value;
           for (std::size_t r = 0; r < turn.size() / size; ++r)
-            sum[k * size + c] -= points[p].weight * N[k] * across * turning[3 * (first + p) + r] * turn[r * size + c];
+            sum[k * size + c] -= points[p].weight * N[k] * across * turning[3 * (first + p) + r]
+                                 * turn[r * size + c];
         }
     }
     for (std::size_t s = 0; s < 2; ++s)

@@ -62,8 +62,8 @@ struct FunctionsOfPieces
   /// that rays leave, [point][3]; empty if there are none
   /// @param markers vectors of the bodies, nonzero at unknowns with conditions, whose columns are
   /// −1; of a rigid tool null
-  FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                    bool moves, std::array<Vec, 2> markers, std::span<const double> turning = {},
+  FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest, bool moves,
+                    std::array<Vec, 2> markers, std::span<const double> turning = {},
                     std::size_t component = 0);
 };
 

@@ -150,7 +150,8 @@ Triangles::Triangles(const Polygon& p, bool from_middle)
     corner.push_back({0, 1, 0});
     return;
   }
-  const auto area = [&](Corner a, Corner b, Corner c) { return 0.5 * cross(p[b] - p[a], p[c] - p[a]); };
+  const auto area
+      = [&](Corner a, Corner b, Corner c) { return 0.5 * cross(p[b] - p[a], p[c] - p[a]); };
   const double least = ear_area * measure(p);
   while (around.size() > 3)
   {

@@ -209,7 +209,8 @@ struct Outline
     for (const auto& side : sides_of(type))
     {
       const Vec2 &a = q[side[0]], t = q[side[1]] - a;
-      const double length = std::hypot(t[0], t[1]), along = t[0] * (at[0] - a[0]) + t[1] * (at[1] - a[1]);
+      const double length = std::hypot(t[0], t[1]),
+                   along = t[0] * (at[0] - a[0]) + t[1] * (at[1] - a[1]);
       if (std::abs(cross(t, at - a)) > tolerance * length || along < -tolerance * length
           || along > length * (length + tolerance))
         continue;
@@ -234,7 +235,8 @@ PieceCorner corner_at(const Vec2& q, const Outline& cut, const Outline& other, b
 {
   const Outline &first = cut_is_slave ? cut : other, &second = cut_is_slave ? other : cut;
   PieceCorner out;
-  auto &of_first = cut_is_slave ? out.cut : out.other, &of_second = cut_is_slave ? out.other : out.cut;
+  auto &of_first = cut_is_slave ? out.cut : out.other,
+       &of_second = cut_is_slave ? out.other : out.cut;
   if (const auto vertex = first.vertex(q, tolerance))
   {
     of_first = {*vertex, *vertex};
@@ -821,7 +823,8 @@ private:
     for (std::array<std::uint8_t, 3> corner : triangles.corner)
     {
       const auto [a, b, c] = corner;
-      append_points(on_line ? polygon : Polygon{place(a), place(b), place(c)}, rules_.piece, q_, w_);
+      append_points(on_line ? polygon : Polygon{place(a), place(b), place(c)}, rules_.piece, q_,
+                    w_);
       std::ranges::replace(corner, middle, middle_corner);
       for (const Vec2& at : rules_.piece.x)
         places_.push_back({corner, at});

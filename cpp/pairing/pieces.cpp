@@ -21,7 +21,11 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
     rise = std::span(pieces.rise).subspan(piece * n, n);
     normal = std::span(pieces.rise_normal).subspan(piece * 3 * side, 3 * side);
   }
-  return {is_slave ? slave : master, is_slave ? master : slave, is_slave, pieces.along_other, rise,
+  return {is_slave ? slave : master,
+          is_slave ? master : slave,
+          is_slave,
+          pieces.along_other,
+          rise,
           normal};
 }
 

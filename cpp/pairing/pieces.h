@@ -33,7 +33,7 @@ struct Pieces
   int gdim = 0, num_multipliers = 0;
   bool along_other = false; ///< as RayPair::along_other
   PieceSide slave, master;
-  std::vector<double> rise; ///< as RayPair::rise, [piece][vertex][vertex]; empty without
+  std::vector<double> rise;        ///< as RayPair::rise, [piece][vertex][vertex]; empty without
   std::vector<double> rise_normal; ///< likewise, [piece][vertex][3]
   std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
@@ -44,7 +44,7 @@ struct Pieces
   // Of facets that were cut; empty of vertices.
   std::vector<std::size_t> corner_end; ///< corners of a piece, as points
   std::vector<PieceCorner> corners;
-  std::vector<PointPlace> places; ///< [point]
+  std::vector<PointPlace> places;      ///< [point]
   mutable std::vector<double> motions; ///< see motions_of; empty as long as nobody has asked
 
   std::size_t size() const { return end.size(); }
@@ -61,8 +61,8 @@ struct Pieces
   {
     if (corner_end.empty())
       return {};
-    return {part_of(std::span(corners), corner_end, piece),
-            part_of(std::span(places), end, piece), axisymmetric};
+    return {part_of(std::span(corners), corner_end, piece), part_of(std::span(places), end, piece),
+            axisymmetric};
   }
 
 private:

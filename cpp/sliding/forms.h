@@ -131,7 +131,7 @@ struct Inverse
 
 /// Tangents of a facet, in 2D the second one along the third axis.
 inline std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
-                             const std::array<Vec2, max_trace>& gradients)
+                                    const std::array<Vec2, max_trace>& gradients)
 {
   std::array<Vec3, 2> a{};
   for (int j = 0; j < facet.num_nodes(); ++j)

@@ -14,8 +14,8 @@ using namespace qsdolfinx::forms;
 //
 //   δξ = (∂q/∂ξ)⁻¹ (V − U),   δ ln w = div V − div U + δ ln S + (∂ ln(S/J)/∂ξ)·δξ,
 //
-// J being the area per reference area in the plane, and S that of the facet, which is that of a ring
-// where things are axisymmetric.
+// J being the area per reference area in the plane, and S that of the facet, which is that of a
+// ring where things are axisymmetric.
 
 namespace
 {
@@ -73,10 +73,9 @@ public:
     least_area_ = flat * std::abs(cross(cut.q[1] - cut.q[0], cut.q[2] - cut.q[0]));
     for (const PieceCorner& corner : shape.corners)
       append_corner(corner, cut, other);
-    const bool has_middle
-        = std::ranges::any_of(shape.places, [](const PointPlace& place)
-                              { return std::ranges::find(place.corner, middle_corner)
-                                       != place.corner.end(); });
+    const bool has_middle = std::ranges::any_of(
+        shape.places, [](const PointPlace& place)
+        { return std::ranges::find(place.corner, middle_corner) != place.corner.end(); });
     if (has_middle)
       append_middle();
     if (planar_.affine()) // U is linear, too: corners move by V − U
@@ -197,7 +196,8 @@ private:
   }
 
   /// @returns what moves a point, (∂q/∂ξ)⁻¹, and ∂ ln(S/J)/∂ξ
-  std::tuple<std::vector<Slot>, Matrix2, Vec2> moves_with(std::size_t p, const RayPoint& point) const
+  std::tuple<std::vector<Slot>, Matrix2, Vec2> moves_with(std::size_t p,
+                                                          const RayPoint& point) const
   {
     const PointPlace& place = shape_.places[p];
     const auto dN = trace_gradients(type_, 1, point.xi);
@@ -208,7 +208,8 @@ private:
       out.push_back({slot(place.corner[b]), values[b], gradients[b]});
     const auto N = shape_functions(type_, point.xi);
     for (int i = 0; i < cut_vertices() && !planar_.affine(); ++i)
-      out.push_back({q_.size() + i, -N[i],
+      out.push_back({q_.size() + i,
+                     -N[i],
                      {-dN[i][0] * inverse[0][0] - dN[i][1] * inverse[1][0],
                       -dN[i][0] * inverse[0][1] - dN[i][1] * inverse[1][1]}});
     return {out, inverse, area_of(point).slope - bending(t)};

@@ -358,8 +358,7 @@ void qsdolfinx::function_slopes(const RayPair& pair, std::span<const RayPoint> p
     for (std::size_t k = 0; k < nk; ++k)
       for (int a = 0; a < 2; ++a)
         out[(p * nk + k) * 2 + a]
-            = pair.cut_is_slave ? dN[k][a]
-                                : dN[k][0] * at.dzeta[a][0] + dN[k][1] * at.dzeta[a][1];
+            = pair.cut_is_slave ? dN[k][a] : dN[k][0] * at.dzeta[a][0] + dN[k][1] * at.dzeta[a][1];
   }
 }
 

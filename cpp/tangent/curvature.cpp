@@ -102,7 +102,8 @@ void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
     const RayPair pair = pair_of(pieces, i);
     add_curvature_of_points(pair, points, of_piece, H);
     add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
+    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
+                      0.0);
     add_forces_by_rise(pair, points, of_piece, H, by_normals);
     insertion.add(i, H);
   }
@@ -130,7 +131,8 @@ void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pie
     const RayPair pair = pair_of(pieces, i);
     add_slip_curvature_of_points(pair, points, of_piece, H);
     add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
+    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
+                      0.0);
     add_slip_forces_by_rise(pair, points, of_piece, H, by_normals);
     insertion.add(i, H);
   }

@@ -14,7 +14,6 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check
 from qsdolfinx.base.collective import checked
-from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact import motion, multipliers, overclosed
 from qsdolfinx.contact.advice import advise, tell_smoothed
 from qsdolfinx.contact.arguments import SLAVE

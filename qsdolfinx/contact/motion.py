@@ -194,9 +194,7 @@ def follow_meshes(model: ContactModel) -> None:
     model.placement = Placement.at_pairing(model.slave, model.master)
 
 
-def begin_to_follow(
-    model: ContactModel, slave: fem.Function, master: fem.Function | None
-) -> None:
+def begin_to_follow(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
     """Let gaps that follow the bodies begin where these unknowns put them. Collective."""
     if not model.follows:
         return

@@ -260,7 +260,8 @@ class FacetCutter:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
-        rest, vectors, component = np.ascontiguousarray(rest), np.zeros((0, 3)), 0
+        rest, component = np.ascontiguousarray(rest), 0
+        vectors: Array = np.zeros((0, 3))
         if turning is not None:
             vectors, component = _in_space(turning[0]), turning[1]
         functions = _cpp.FunctionsOfPieces(

@@ -455,9 +455,7 @@ class Following:
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        self._cutter.add_slip_curvature_of_points(
-            last.found, traction, self._marked, blocks, scale
-        )
+        self._cutter.add_slip_curvature_of_points(last.found, traction, self._marked, blocks, scale)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""

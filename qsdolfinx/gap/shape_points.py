@@ -389,8 +389,8 @@ class ShapePoints:
         """Add matrices of facets, (facets, nodes, gdim, nodes, gdim)."""
         for of_facet, values in zip(dofs, H, strict=True):
             at = of_facet.ravel()
-            values = values.reshape(len(at), len(at))
-            block.setValues(at, at, values, PETSc.InsertMode.ADD_VALUES)
+            square = values.reshape(len(at), len(at))
+            block.setValues(at, at, square, PETSc.InsertMode.ADD_VALUES)
 
     def slip_beside(
         self,

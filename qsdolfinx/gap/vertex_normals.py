@@ -77,9 +77,9 @@ class VertexNormals:
         facets, gdim = self._facets, self._facets.gdim
         dofs = facets.trace_dofs[0][:, : there.x.shape[1]].astype(np.int64)
         values = [np.where(wanted, there.length, 0.0), *there.normal.T]
-        length, *m = (at_vertices(facets, v) for v in values)
+        length, *components = (at_vertices(facets, v) for v in values)
         some = np.flatnonzero(np.any(length > 0, axis=1))
-        m, length = np.stack(m, axis=2)[some], length[some]
+        m, length = np.stack(components, axis=2)[some], length[some]
         across = np.eye(3) - m[..., :, None] * m[..., None, :]
         across /= np.where(length > 0, length, np.inf)[..., None, None]
         d1, d2 = (cross_matrix(d) for d in self._edges(there.x[some]))
@@ -144,11 +144,10 @@ def new_matrix(
     comm: typing.Any,
 ) -> PETSc.Mat:
     """Matrix of entries, sums where there are several, some perhaps of other ranks. Collective."""
-    row, column, value = (np.asarray(values).ravel() for values in entries)
     out = PETSc.Mat().create(comm=comm)
     out.setSizes((rows, columns))
     out.setType(PETSc.Mat.Type.AIJ)
-    row, column = (np.ascontiguousarray(v, dtype=np.int64) for v in (row, column))
+    row, column = (np.array(values, dtype=np.int64).ravel() for values in entries[:2])
     _cpp.set_places(out.handle, row, column)
-    _cpp.set_values(out.handle, np.ascontiguousarray(value, dtype=np.float64))
+    _cpp.set_values(out.handle, np.array(entries[2], dtype=np.float64).ravel())
     return out

@@ -19,6 +19,7 @@ from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
 from qsdolfinx.system.entries import Entries, global_entries, joined
 from qsdolfinx.system.factors import Number, entries_of
+from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import OfTangential, Tangential
 from qsdolfinx.system.gap_matrices import GapMatrices, Gaps, Moving
 from qsdolfinx.system.layout import Layout
@@ -330,33 +331,53 @@ class Derivative:
         if is_new and p.rows in self._of_gaps:
             self._of_gaps.pop(p.rows).destroy()
         if p.rows not in self._of_gaps:
-            friction, slips = p.rows.condensed_friction, None
-            change = (None, None) if p.tool is None else self._tools.changes(p)
-            gap = self._gaps(p, p.gap.operator, change[0])
-            gaps = gap, gap
-            moves = not rows.far and p.gap.following is not None
-            if moves and (moving := p.gap.moving_operator()) is not p.gap.operator:
-                by_tool = None if p.tool is None else self._tools.moved_gaps(p, moving)
-                beside = self._beside_rows(p, p.gap.moving_beside())
-                gaps = gap, self._gaps(p, moving, by_tool)._replace(beside=beside)
+            friction = p.rows.condensed_friction
             last = int(own[-1]) + 1 if len(own) else self._first_of(p)
             of_slip = last + np.arange(0 if friction is None else friction.shape[0])
-            if friction is not None and p.slip is not None:
-                operator, rest = p.slip.operator, None
-                if moves and tangential is not None:
-                    operator, rest = friction.moving_operator(tangential)
-                slip = self._gaps(p, operator, change[1])._replace(beside=self._beside_rows(p, rest))
-                differ = p.slip.works is not operator or rest is not None
-                slips = self._gaps(p, p.slip.works, change[1]) if differ else slip, slip
-            numbers = own, of_slip
-            moving = self._moving(p, rows, at, tangential)
-            made = GapMatrices(rows, friction, gaps, slips, numbers, self._layout.num_local, moving)
+            made = GapMatrices(
+                rows,
+                friction,
+                self._gaps_of(p, rows),
+                None if friction is None else self._slips_of(p, rows, friction, tangential),
+                (own, of_slip),
+                self._layout.num_local,
+                self._moving(p, rows, at, tangential),
+            )
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
 
-    def _beside_rows(
-        self, p: Pass, found: tuple[int, PETSc.Mat] | None
-    ) -> _cpp.CompressedRows | None:
+    def _gaps_of(self, p: Pass, rows: CondensedRows) -> tuple[Gaps, Gaps]:
+        """What pressures work on, and what gaps change by. Collective."""
+        tool = p.tool is not None
+        works = self._gaps(p, p.gap.operator, self._tools.changes(p)[0] if tool else None)
+        if rows.far or p.gap.following is None:
+            return works, works
+        moving = p.gap.moving_operator()
+        if moving is p.gap.operator:
+            return works, works
+        change = self._gaps(p, moving, self._tools.moved_gaps(p, moving) if tool else None)
+        return works, change._replace(beside=self._left_out(p, p.gap.moving_beside()))
+
+    def _slips_of(
+        self,
+        p: Pass,
+        rows: CondensedRows,
+        friction: PointFriction,
+        tangential: Tangential | None,
+    ) -> tuple[Gaps, Gaps] | None:
+        """The same of tractions and slips. Collective."""
+        slip, by_tool = p.slip, None if p.tool is None else self._tools.changes(p)[1]
+        if slip is None:
+            return None
+        operator, beside = slip.operator, None
+        if not rows.far and p.gap.following is not None and tangential is not None:
+            operator, beside = friction.moving_operator(tangential)
+        change = self._gaps(p, operator, by_tool)._replace(beside=self._left_out(p, beside))
+        if slip.works is operator and beside is None:
+            return change, change
+        return self._gaps(p, slip.works, by_tool), change
+
+    def _left_out(self, p: Pass, found: tuple[int, PETSc.Mat] | None) -> _cpp.CompressedRows | None:
         """What operators of gaps and slips leave out, in numbers of all unknowns. Collective."""
         if found is None:
             return None

@@ -278,7 +278,7 @@ class PointFriction:
         if not self.has_unknowns or gap.following is None:
             return None
         of_sides = self.on_sides(at.multiplier).reshape(self.free.shape)
-        turning = at.traction / self.gamma
+        turning = np.asarray(at.traction / self.gamma, dtype=np.float64)
         rest = turning - self.seen(at.multiplier) / self.gamma
         found = [
             gap.moving_functions(
