@@ -30,9 +30,7 @@ from qsdolfinx.solve.onset import Onset
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
 from qsdolfinx.system.derivative import REGULAR
-from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.friction_rows import FrictionRows
-from qsdolfinx.system.system import ContactSystem
 
 TESTS = pathlib.Path(__file__).resolve().parents[1] / "tests"
 SCENES = "block", "roller", "o-ring", "ironing", "wedge", "shaft", "o-ring, engineering"
@@ -142,15 +140,6 @@ REMEDIES = (
         lambda out, *_: out is None,
         lambda self, step: None,
         "friction/test_first_contact.py",
-    ),
-    Remedy(
-        "areas are measured anew",
-        Equations,
-        "forget",
-        lambda *_: True,
-        _no,
-        "sliding/test_strangers.py",
-        (ContactSystem, "have_areas_changed"),
     ),
     Remedy(
         "slow slip rates are learned",

@@ -72,7 +72,7 @@ class Contact:
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. Areas are those at the start of the solve. By default small, and
+            normals of the facets. By default small, and
             finite as soon as it is part of a problem where the form of one of its bodies is
             nonlinear, or of a :class:`qs.TimeStepper`: but for bodies in velocities, tools that a
             moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``, contacts that

@@ -56,7 +56,7 @@ def test_pad(friction, most):
     """Both sides slip for a while: the tangent is next to singular, and has to be right."""
     scene = Pad(friction)
     scene.draw(0.3)
-    assert scene.problem.num_iterations <= most  # 183, 14, 13 without what rims add
+    assert scene.problem.num_iterations <= most  # 183, 14, 13 where points stay
     np.testing.assert_allclose(scene.ratio, min(friction), rtol=0.02)  # pressed edges lean
 
 
@@ -150,7 +150,7 @@ def test_derivative_at_ends():
     with scene.problem.one_step():  # all of it slips until the step ends: nothing has a kink
         scene.draw(0.3)
         of_forces, of_constraints = errors(scene)
-    assert of_forces < 1e-3 and of_constraints < 1e-6  # 0.08, 2e-3 without what rims add
+    assert of_forces < 1e-3 and of_constraints < 1e-6  # 0.08, 2e-3 where points stay
 
 
 @pytest.mark.parametrize("gdim, cell", [(2, "quadrilateral"), (3, "hexahedron")])

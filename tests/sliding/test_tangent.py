@@ -61,7 +61,7 @@ def closed_in_part(equations, size=0.15):
     ],
 )
 def test_derivative(kind, formulation, state):
-    """By all unknowns, areas held: at open ends, and where functions of nodes move."""
+    """By all unknowns: at open ends, and where functions of nodes move."""
     options, cell = {"sliding": "finite"}, kind.partition(",")[0]
     space = KINDS[kind]
     pair = Pair(cell, formulation=formulation, space=space, contact_options=options, wave=0.02)

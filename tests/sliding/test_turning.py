@@ -21,10 +21,7 @@ SIZES = {
 
 
 class Turned:
-    """Ring and ring, or shell and shell, twisted against each other, that are turned together.
-
-    Areas are those at the start of a solve: it is repeated until they have settled.
-    """
+    """Ring and ring, or shell and shell, twisted against each other, that are turned together."""
 
     def __init__(self, cell, mu=0.0, repeat=12, misfit=None, **contact):
         friction = qs.Coulomb(mu) if mu else None
