@@ -22,7 +22,7 @@ extensions = ["katex", "subscripts", "myst_parser", "sphinx.ext.autodoc", "sphin
 smartquotes = False  # of --option it would make –option
 
 myst_heading_anchors = 3
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["colon_fence", "dollarmath"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -43,7 +43,7 @@ napoleon_numpy_docstring = False
 html_theme = "furo"
 html_title = f"qsdolfinx {release}"
 html_static_path = ["static"]
-html_css_files = ["katex/katex.min.css", "tables.css", "formulas.css"]
+html_css_files = ["katex/katex.min.css", "tables.css", "formulas.css", "pages.css"]
 html_js_files = ["katex/katex.min.js", "formulas.js"]
 html_math_renderer = "katex"
 html_copy_source = False

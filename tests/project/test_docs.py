@@ -49,6 +49,20 @@ def test_first_script():
     assert names["problem"].num_iterations <= 8
 
 
+def test_first_page(tmp_path, monkeypatch):
+    """The script of the site: at most 30 lines, balanced, its friction within its limit."""
+    script = pages.ROOT / "docs/first.py"
+    lines = [line for line in script.read_text(encoding="utf-8").splitlines() if line.strip()]
+    assert len(lines) <= 30
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    contact = runpy.run_path(str(script))["contact"]
+    force = contact.force("slave")
+    assert np.abs(force + contact.force("master")).max() < 1e-9 * force[1]
+    assert abs(force[0]) < 0.01 * force[1]  # it is symmetric but for the diagonals of the cells
+    assert (tmp_path / "first.png").exists()
+
+
 def test_forging():
     """The last force is that of the closed form, half a step before the end."""
     names, _ = run(PAGES["docs/howto/forging.md"])
