@@ -36,18 +36,31 @@ bool is_beyond(const Polygon& p, const Vec2& a, const Vec2& b, const Vec2& q)
 
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
-/// Keep the part of `in` to the left of the line from a to b. What is next to it is on it: sides
-/// that coincide but for rounding would cross anywhere, and the points beside them go along.
-void clip_by_line(const Polygon& in, const Vec2& a, const Vec2& b, Polygon& out)
+/// How far a point is to the left of the line from a to b, times its length. What is next to it is
+/// on it: sides that coincide but for rounding would cross anywhere, and the points beside them go
+/// along.
+struct Beside
 {
-  out.clear();
-  const Vec2 t = b - a;
-  const double least = line_tolerance * (t[0] * t[0] + t[1] * t[1]);
-  const auto beside = [&](const Vec2& p)
+  Beside(const Vec2& a, const Vec2& b)
+      : a(a), t(b - a), least(line_tolerance * (t[0] * t[0] + t[1] * t[1]))
+  {
+  }
+
+  double operator()(const Vec2& p) const
   {
     const double c = cross(t, p - a);
     return std::abs(c) <= least ? 0.0 : c;
-  };
+  }
+
+  Vec2 a, t;
+  double least;
+};
+
+/// Keep the part of `in` to the left of the line from a to b.
+void clip_by_line(const Polygon& in, const Vec2& a, const Vec2& b, Polygon& out)
+{
+  out.clear();
+  const Beside beside(a, b);
   for (std::size_t i = 0; i < in.size(); ++i)
   {
     const Vec2 &p = in[i], &q = in[i + 1 < in.size() ? i + 1 : 0];
@@ -254,7 +267,8 @@ PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame&
   if (type == FacetType::interval)
   {
     polygon_ = {q[0], q[1]};
-    if (a_[0] < 0)
+    reversed_ = a_[0] < 0;
+    if (reversed_)
       std::swap(polygon_[0], polygon_[1]);
     polygon_[0][1] = polygon_[1][1] = 0;
     return;
@@ -275,8 +289,95 @@ PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame&
         {cross(a_, b_), cross(a_, b_ + c_), cross(a_ + c_, b_), cross(a_ + c_, b_ + c_)});
     unfolded_ = low > fold_tolerance * high || high < fold_tolerance * low;
   }
-  if (measure(polygon_) < 0)
+  reversed_ = measure(polygon_) < 0;
+  if (reversed_)
     polygon_.reverse();
+}
+
+std::int8_t PlanarFacet::vertex(std::size_t corner) const
+{
+  constexpr std::array<std::int8_t, 4> of_quadrilateral{0, 1, 3, 2};
+  const std::size_t at = reversed_ ? polygon_.size() - 1 - corner : corner;
+  return type_ == FacetType::quadrilateral ? of_quadrilateral[at] : static_cast<std::int8_t>(at);
+}
+
+namespace
+{
+/// Side of a polygon that is cut: of a facet of its own or of the one that cuts.
+struct Side
+{
+  bool of_b;
+  std::size_t number;
+};
+
+/// A corner, and the side that leads on from it.
+struct Clipped
+{
+  CornerSource corner;
+  Side side;
+};
+
+/// Where a side is cut by one of b. @param p where they cross
+CornerSource crossing(const PlanarFacet& a, const PlanarFacet& b, const Side& side,
+                      std::size_t line, const Vec2& p)
+{
+  const std::size_t n = b.polygon().size(), next = (line + 1) % n;
+  CornerSource out{p};
+  if (!side.of_b)
+  {
+    const std::size_t m = a.polygon().size();
+    out.a = {a.vertex(side.number), a.vertex((side.number + 1) % m)};
+    out.b = {b.vertex(line), b.vertex(next)};
+    return out;
+  }
+  const std::int8_t vertex = b.vertex(side.number == next ? next : line); // that both share
+  out.b = {vertex, vertex};
+  return out;
+}
+} // namespace
+
+void qsdolfinx::sources_of_intersection(const PlanarFacet& a, const PlanarFacet& b, bool b_first,
+                                        std::vector<CornerSource>& out)
+{
+  const Polygon &first = a.polygon(), &second = b.polygon();
+  const auto of_a = [&](std::size_t i) -> CornerSource
+  { return {first[i], {a.vertex(i), a.vertex(i)}}; };
+  out.clear();
+  if (is_interval(second))
+  {
+    const auto of_b = [&](std::size_t i) -> CornerSource
+    { return {second[i], {-1, -1}, {b.vertex(i), b.vertex(i)}}; };
+    for (std::size_t i : {0, 1})
+    {
+      const double within = (i == 0 ? 1 : -1) * (second[i][0] - first[i][0]);
+      out.push_back(within > 0 || (within == 0 && b_first) ? of_b(i) : of_a(i));
+    }
+    return;
+  }
+  std::vector<Clipped> in, cut;
+  for (std::size_t i = 0; i < first.size(); ++i)
+    in.push_back({of_a(i), {false, i}});
+  for (std::size_t line = 0; line < second.size() && !in.empty(); ++line)
+  {
+    const Beside beside(second[line], second[(line + 1) % second.size()]);
+    const Side along{true, line};
+    cut.clear();
+    for (std::size_t i = 0; i < in.size(); ++i)
+    {
+      const Clipped &p = in[i], &q = in[i + 1 < in.size() ? i + 1 : 0];
+      const double dp = beside(p.corner.q), dq = beside(q.corner.q);
+      if (dp >= 0)
+        cut.push_back({p.corner, dp == 0 && dq < 0 ? along : p.side});
+      if ((dp > 0 && dq < 0) || (dp < 0 && dq > 0))
+      {
+        const Vec2 at = p.corner.q + (dp / (dp - dq)) * (q.corner.q - p.corner.q);
+        cut.push_back({crossing(a, b, p.side, line, at), dq < 0 ? along : p.side});
+      }
+    }
+    std::swap(in, cut);
+  }
+  for (const Clipped& each : in)
+    out.push_back(each.corner);
 }
 
 Vec2 PlanarFacet::invert(const Vec2& q) const

@@ -113,6 +113,8 @@ public:
   PlanarFacet(FacetType type, std::span<const double> vertices, const Frame& frame);
 
   const Polygon& polygon() const { return polygon_; }
+  /// Vertex that is a corner of the polygon.
+  std::int8_t vertex(std::size_t corner) const;
   /// Whether the map from the reference facet is affine; else it is that of a general
   /// quadrilateral.
   bool affine() const { return affine_; }
@@ -132,8 +134,22 @@ public:
 private:
   FacetType type_;
   Vec2 x0_, a_, b_{0, 0}, c_{0, 0}; // q = x0 + ξ a + η b + ξη c
-  bool affine_ = true, unfolded_ = true;
+  bool affine_ = true, unfolded_ = true, reversed_ = false;
   Polygon polygon_;
 };
+
+/// Corner of the intersection of two facets: a vertex of one of them, or where edges of both cross.
+struct CornerSource
+{
+  Vec2 q;
+  /// Vertices at the ends of each facet's edge, twice the same where the corner is that; −1 where
+  /// it is a vertex of the other facet.
+  std::array<std::int8_t, 2> a{-1, -1}, b{-1, -1};
+};
+
+/// The corners that `intersect` finds of the polygons of two facets, and what they are. Of an
+/// interval both end at the same place that of b if it is to come first, else that of a.
+void sources_of_intersection(const PlanarFacet& a, const PlanarFacet& b, bool b_first,
+                             std::vector<CornerSource>& out);
 
 } // namespace qsdolfinx

@@ -165,103 +165,6 @@ double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
          * surface.area_factor(facet_point(surface.type(), v, xi));
 }
 
-/// Edges of a facet in the order of its polygon.
-std::span<const std::array<std::int8_t, 2>> sides_of(FacetType type)
-{
-  static constexpr std::array<std::array<std::int8_t, 2>, 3> triangle{{{0, 1}, {1, 2}, {2, 0}}};
-  static constexpr std::array<std::array<std::int8_t, 2>, 4> quadrilateral{
-      {{0, 1}, {1, 3}, {3, 2}, {2, 0}}};
-  if (type == FacetType::triangle)
-    return triangle;
-  if (type == FacetType::quadrilateral)
-    return quadrilateral;
-  return {};
-}
-
-/// A facet in the plane of the one that is cut, vertex by vertex.
-struct Outline
-{
-  Outline(FacetType type, std::span<const double> x, const Frame& frame) : type(type)
-  {
-    for (int i = 0; i < static_cast<int>(type); ++i)
-    {
-      q[i] = frame.project(facet_vertex(x, i));
-      if (type == FacetType::interval)
-        q[i][1] = 0;
-    }
-  }
-
-  /// The vertex at a place.
-  std::optional<std::int8_t> vertex(const Vec2& at, double tolerance) const
-  {
-    for (int i = 0; i < static_cast<int>(type); ++i)
-      if (std::hypot(at[0] - q[i][0], at[1] - q[i][1]) <= tolerance)
-        return static_cast<std::int8_t>(i);
-    return {};
-  }
-
-  /// The edge through a place that crosses a direction most.
-  std::optional<std::array<std::int8_t, 2>> edge(const Vec2& at, const Vec2& direction,
-                                                 double tolerance) const
-  {
-    std::optional<std::array<std::int8_t, 2>> out;
-    double most = -1;
-    for (const auto& side : sides_of(type))
-    {
-      const Vec2 &a = q[side[0]], t = q[side[1]] - a;
-      const double length = std::hypot(t[0], t[1]),
-                   along = t[0] * (at[0] - a[0]) + t[1] * (at[1] - a[1]);
-      if (std::abs(cross(t, at - a)) > tolerance * length || along < -tolerance * length
-          || along > length * (length + tolerance))
-        continue;
-      const double sine = std::abs(cross(t, direction)) / length;
-      if (sine > most)
-      {
-        most = sine;
-        out = side;
-      }
-    }
-    return out;
-  }
-
-  FacetType type;
-  std::array<Vec2, 4> q{};
-};
-
-/// What a corner of a piece is. Where both facets have a vertex or an edge, it is the slave's: it
-/// counts as its own that it ends there.
-PieceCorner corner_at(const Vec2& q, const Outline& cut, const Outline& other, bool cut_is_slave,
-                      double tolerance)
-{
-  const Outline &first = cut_is_slave ? cut : other, &second = cut_is_slave ? other : cut;
-  PieceCorner out;
-  auto &of_first = cut_is_slave ? out.cut : out.other,
-       &of_second = cut_is_slave ? out.other : out.cut;
-  if (const auto vertex = first.vertex(q, tolerance))
-  {
-    of_first = {*vertex, *vertex};
-    return out;
-  }
-  const auto edge = first.edge(q, {0, 0}, tolerance);
-  if (edge)
-    if (const auto crossing = second.edge(q, first.q[(*edge)[1]] - first.q[(*edge)[0]], tolerance))
-    {
-      of_first = *edge;
-      of_second = *crossing;
-      return out;
-    }
-  // A vertex of the other one; next to the first's edge by more than rounding, perhaps.
-  double nearest = std::numeric_limits<double>::infinity();
-  for (int i = 0; i < static_cast<int>(second.type); ++i)
-    if (const double distance = std::hypot(q[0] - second.q[i][0], q[1] - second.q[i][1]);
-        distance < nearest)
-    {
-      nearest = distance;
-      of_second = {static_cast<std::int8_t>(i), static_cast<std::int8_t>(i)};
-    }
-  return out;
-}
-
 /// Where pieces are noted down.
 struct Record
 {
@@ -419,10 +322,6 @@ struct ShapeValues
   }
 };
 
-/// Distance from each other, over the size of a facet, of edges and vertices that coincide: a
-/// little more than `intersect` leaves beside an edge.
-constexpr double coincident_tolerance = 4e-9;
-
 /// Cuts the facets of one surface along those of another.
 class Overlay
 {
@@ -466,7 +365,7 @@ private:
       find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
         if (piece.faces)
-          append(f, frame, planar, piece);
+          append(f, planar, piece);
       if (points_.size() == before && !asking_)
         ++points_.num_unpaired;
     }
@@ -724,7 +623,7 @@ private:
     return (1 / norm(sum)) * sum;
   }
 
-  void append(std::size_t f, const Frame& frame, const PlanarFacet& planar, const Piece& piece)
+  void append(std::size_t f, const PlanarFacet& planar, const Piece& piece)
   {
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
     q_.clear();
@@ -785,7 +684,7 @@ private:
         if (num_recorded++ == 0)
         {
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
-          append_corners(f, frame, piece, triangles.around);
+          append_corners(planar, piece, triangles.around);
         }
         const double weight = share_ * w_[p] / planar.jacobian(here.xi[p]);
         record_->append_point({here.xi[p], there.xi[p], weight * stretch(cut_, f, here.xi[p])},
@@ -832,15 +731,16 @@ private:
   }
 
   /// Note down what the corners of a piece are. @param around numbers of those that are not ears
-  void append_corners(std::size_t f, const Frame& frame, const Piece& piece,
+  void append_corners(const PlanarFacet& planar, const Piece& piece,
                       const std::vector<std::uint8_t>& around)
   {
-    const double tolerance = coincident_tolerance * cut_.facets().size[f];
-    const Outline cut(cut_.type(), cut_.facet_x(f), frame),
-        other(nearby_.type, nearby_.facet_x(piece.other), frame);
+    sources_of_intersection(piece.planar, planar, cut_is_slave_, sources_);
     for (std::size_t i = 0; i < piece.polygon.size(); ++i)
     {
-      PieceCorner corner = corner_at(piece.polygon[i], cut, other, cut_is_slave_, tolerance);
+      const auto distance = [&](const CornerSource& source)
+      { return std::hypot(source.q[0] - piece.polygon[i][0], source.q[1] - piece.polygon[i][1]); };
+      const auto source = std::ranges::min_element(sources_, {}, distance); // it is 0
+      PieceCorner corner{source->b, source->a};
       corner.around = std::ranges::find(around, i) != around.end();
       record_->append_corner(corner);
     }
@@ -964,6 +864,7 @@ private:
   std::vector<Crossing> crossings_;
   Polygon polygon_;
   std::vector<PointPlace> places_;
+  std::vector<CornerSource> sources_;
   std::vector<Vec2> q_;
   std::vector<double> w_;
   ShapeValues here_, there_;
