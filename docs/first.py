@@ -1,8 +1,11 @@
+from mpi4py import MPI
+
 import matplotlib.pyplot as plt
 import numpy as np
+
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
+
 import qsdolfinx as qs
 
 

@@ -340,8 +340,8 @@ void qsdolfinx::sources_of_intersection(const PlanarFacet& a, const PlanarFacet&
                                         std::vector<CornerSource>& out)
 {
   const Polygon &first = a.polygon(), &second = b.polygon();
-  const auto of_a = [&](std::size_t i) -> CornerSource
-  { return {first[i], {a.vertex(i), a.vertex(i)}}; };
+  const auto of_a
+      = [&](std::size_t i) -> CornerSource { return {first[i], {a.vertex(i), a.vertex(i)}}; };
   out.clear();
   if (is_interval(second))
   {

@@ -37,7 +37,7 @@ def test_force_through_a_limit():
     ways = []
     for _ in stepper.run(1.0):
         ways.append(TOP + 0.2 - float(pushed.center[1]))
-    assert stepper.num_cutbacks == 0
+    assert stepper.num_cutbacks <= 1
     assert max(np.diff(ways)) > HEIGHT > 20 * min(np.diff(ways))
 
     def move(tool, t, dt):
