@@ -11,6 +11,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.balance import Balance
+from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset, vectors_of
@@ -85,6 +86,7 @@ class OneNewton:
             NoConvergence: If none is found.
         """
         self._balance.begin()
+        self._mixing = Mixing(self.equations.system.comm)
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -107,13 +109,37 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
-            z, at, step = self._search(z, at, change, is_first)
+            mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
+            z, at, step = mixed or self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
             change = None
         last = self._balance.history[-1]
         reason = NOT_CLOSED if self._balance.lacks_closure else LATE
         raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+
+    @property
+    def _has_secants(self) -> bool:
+        """Whether slopes may be secants: those of laws that remember."""
+        return any(p.gap.law.memory for p in self.equations.passes)
+
+    def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
+        """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
+
+        Collective.
+        """
+        residual = self.equations.in_forces(self.equations.residual_of(at))
+        step = self._mixing.step(z, residual, change, self._balance.keeps_its_set)
+        if step is None:
+            return None
+        try:
+            there = self.equations.evaluate(z + step)
+            if self._merit(there) <= LEFT * self._merit(at):
+                return z + step, there, 1.0
+        except NoGapError:
+            pass
+        self.equations.evaluate(z)
+        return None
 
     def _sticking(self, at: State) -> list[bool] | None:
         """Passes that go on sticking, since bodies would have nothing to hold them; None for none.

@@ -1,0 +1,82 @@
+"""Anderson's mixing: what Newton's derivative leaves out, from how the residual has fallen."""
+
+from __future__ import annotations
+
+import itertools
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+#: Earlier iterations at most that are mixed.
+MOST = 4
+
+#: Part of the residual before above which it falls slowly, and of the present one that is to be
+#: left where mixing leads.
+SLOWLY, LEFT = 0.03, 0.5
+
+#: Relative size below which differences of residuals are not told apart.
+SAME = 1e-6
+
+
+class Mixing:
+    """Steps of Newton's method with an inexact derivative, mixed with those before.
+
+    A law that remembers gives secants where it softens; the residual r then falls by the same
+    factor in each iteration. With the steps d_k of the last
+    iterates z_k and differences Δ of one iteration from the next, the mixed step is
+
+        d_k − Σ_j γ_j (Δz_j + Δd_j),   |r_k − Σ_j γ_j Δr_j| → min,
+
+    Anderson's mixing of type II (Walker & Ni, SIAM J. Numer. Anal. 49, 2011).
+
+    Args:
+        comm: Communicator of the unknowns.
+    """
+
+    def __init__(self, comm: MPI.Intracomm) -> None:
+        self._comm = comm
+        self._known: list[tuple[Array, Array, Array]] = []
+
+    def step(self, z: Array, residual: Array, step: Array, is_alike: bool) -> Array | None:
+        """The mixed step, None where Newton's own is as good. Collective.
+
+        Args:
+            z: The iterate, this rank's part as all that follows.
+            residual: There, in forces.
+            step: Newton's.
+            is_alike: Whether R is the same smooth function as at the iterate before, on all ranks.
+        """
+        self._known = [*(self._known[-MOST:] if is_alike else []), (z, residual, step)]
+        if len(self._known) < 2:
+            return None
+        r = [residual for _, residual, _ in self._known]
+        changes = np.array([after - before for before, after in itertools.pairwise(r)])
+        rows = np.vstack([changes, r[-1], r[-2]])
+        products = np.array(self._comm.allreduce(rows @ rows.T, op=MPI.SUM))
+        size, before = np.sqrt(np.diag(products)[-2:])
+        if not SLOWLY * before < size:
+            return None
+        gamma, left = _least(products[:-2, :-2], products[:-2, -2], size**2)
+        if not left < LEFT**2 * size**2:
+            return None
+        out = step.copy()
+        for factor, old, new in zip(gamma, self._known, self._known[1:], strict=False):
+            out -= factor * (new[0] - old[0] + new[2] - old[2])
+        return out
+
+
+def _least(products: Array, with_residual: Array, square: float) -> tuple[Array, float]:
+    """γ and |r − Σ γ_j Δr_j|², of the products of Δr_i, with those of r and r's with itself."""
+    scale = np.sqrt(np.diag(products))
+    if not np.all(scale > 0):
+        return np.zeros(len(scale)), square
+    gamma = (
+        np.linalg.lstsq(products / np.outer(scale, scale), with_residual / scale, rcond=SAME**2)[0]
+        / scale
+    )
+    left = square - 2 * gamma @ with_residual + gamma @ products @ gamma
+    return gamma, float(left)
