@@ -402,7 +402,7 @@ FAULTS = [
         "cpp/gap/point_rows.cpp",
         "+ c] -= leaning[p] * turn[",
         "+ c] += leaning[p] * turn[",
-        "finite sliding: how tangential parts of multipliers of friction turn, a sign of the tangent",
+        "finite sliding: how tangential parts of multipliers turn, a sign of the tangent",
         ("tests/sliding/test_tangent.py::test_friction",),
     ),
     Fault(
