@@ -72,11 +72,11 @@ class Contact:
         sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
             ``"finite"``: the geometry of contact follows the bodies within the solve, however far
             they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. By default small, and
-            finite as soon as it is part of a problem where the form of one of its bodies is
-            nonlinear, or of a :class:`qs.TimeStepper`: but for bodies in velocities, tools that a
-            moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``, contacts that
-            have been solved for already, and, in 3D, creases that are near edges of the other side,
+            normals of the facets. By default small, and finite as soon as it is part of a problem
+            where the form of one of its bodies is nonlinear, or of a :class:`qs.TimeStepper`: but
+            for bodies in velocities, tools that a moment drives, the nodal rule,
+            ``constraints="nodes"``, ``smoothing`` or ``normals`` that are named, contacts that have
+            been solved for already, and, in 3D, creases that are near edges of the other side,
             ahead of their facets.
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
@@ -125,8 +125,8 @@ class Contact:
             4 with displacements of degree 2.
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
-            node or point of the other surface (the default on the overlay, and with friction,
-            which takes closing a gap along a tilted facet's normal for slip). Bisectors are for two
+            node or point of the other surface (the default on the overlay with small sliding, and
+            with friction, which takes closing a gap along a tilted facet's normal for slip). Bisectors are for two
             deformable bodies: of a rigid tool, of facets or analytic, the normals are always its
             own, at the point that is closest or opposite; if it is smoothed, those of its surface.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
