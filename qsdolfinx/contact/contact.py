@@ -126,9 +126,10 @@ class Contact:
         normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
             (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
             node or point of the other surface (the default on the overlay with small sliding, and
-            with friction, which takes closing a gap along a tilted facet's normal for slip). Bisectors are for two
-            deformable bodies: of a rigid tool, of facets or analytic, the normals are always its
-            own, at the point that is closest or opposite; if it is smoothed, those of its surface.
+            with friction, which takes closing a gap along a tilted facet's normal for slip).
+            Bisectors are for two deformable bodies: of a rigid tool, of facets or analytic, the
+            normals are always its own, at the point that is closest or opposite; if it is smoothed,
+            those of its surface.
         smoothing: What the gap is measured between, one for both sides or a pair for slave and
             master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
             are curved alike and chords change the gap by more than a tenth of the clearance or
