@@ -75,8 +75,8 @@ class Contact:
             normals of the facets. By default small, and finite as soon as it is part of a problem
             where the form of one of its bodies is nonlinear, or of a :class:`qs.TimeStepper`: but
             for bodies in velocities, tools that a moment drives, the nodal rule,
-            ``constraints="nodes"``, ``smoothing`` or ``normals`` that are named, contacts that have
-            been solved for already, and, in 3D, creases that are near edges of the other side,
+            ``constraints="nodes"``, ``smoothing``, ``normals="bisector"``, contacts that have been
+            solved for already, and, in 3D, creases that are near edges of the other side,
             ahead of their facets.
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an

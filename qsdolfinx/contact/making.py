@@ -187,7 +187,8 @@ def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
     """Choose sliding, normals and where constraints are; check them."""
     same(either(one_of(SLIDING), None), sliding=a.sliding)
     same(either(one_of(CONSTRAINTS), None), constraints=a.constraints)
-    may_follow = a.sliding is None and a.normals is None and a.quadrature == "overlay"
+    own_normals = a.normals is not None and a.normals != "facet"
+    may_follow = a.sliding is None and not own_normals and a.quadrature == "overlay"
     may_follow &= not a.slave.is_scalar and a.constraints != "nodes"
     is_given, sliding, normals = a.sliding is not None, a.sliding or "small", a.normals
     if normals is None:

@@ -32,6 +32,7 @@ def test_nonlinear_bodies():
         assert contact.sliding == (sliding or "finite")
         problem.solve()
         found[sliding] = case.upper.u.x.array.copy()
+    assert boxes(normals="facet")[1].sliding == "finite"  # which has no others
     assert largest(found[None] - found["finite"]) < 1e-12
     assert largest(found[None] - found["small"]) > 1e-4
 
