@@ -208,11 +208,15 @@ public:
   {
     const Vec3 origin = facet_vertex(pair.other.x, 0);
     const auto along = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT_);
-    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
     for (int a = 0; a < 2; ++a)
     {
       dt[a] = dot(ray.A.t, along[a]);
       dzeta[a] = {dot(ray.A.zeta[0], along[a]), dot(ray.A.zeta[1], along[a])};
+    }
+    if (pair.other.degree == 1 && pair.other.type != FacetType::quadrilateral)
+      return; // which is straight
+    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
+    for (int a = 0; a < 2; ++a)
       for (int j = 0; j < columns.num_other; ++j)
       {
         const Vec3 x = facet_vertex(pair.other.x, j) - origin;
@@ -220,7 +224,6 @@ public:
         add(da[a][0].data(), d11 * dzeta[a][0] + d12 * dzeta[a][1], x);
         add(da[a][1].data(), d12 * dzeta[a][0] + d22 * dzeta[a][1], x);
       }
-    }
   }
 
   /// How a row A of J⁻¹ changes with ξ_α.

@@ -85,6 +85,12 @@ public:
       for (int i = 0; i < cut_vertices(); ++i)
         for (int d = 0; d < dim_; ++d)
           velocity_.push_back(cut.of(i, d));
+    uniform_ = !shape.axisymmetric && is_flat(pair.cut);
+    if (uniform_)
+    {
+      area_slot_ = velocity_.size();
+      velocity_.push_back(area_of(RayPoint{}).growth);
+    }
     left_.assign(velocity_.size(), Row{});
   }
 
@@ -93,8 +99,14 @@ public:
                  const Row& by_weight)
   {
     const auto [slots, inverse, growth] = moves_with(p, point);
-    left_.push_back(by_weight);
-    velocity_.push_back(area_of(point).growth);
+    if (uniform_)
+      for (int i = 0; i < size_; ++i)
+        left_[area_slot_][i] += by_weight[i];
+    else
+    {
+      left_.push_back(by_weight);
+      velocity_.push_back(area_of(point).growth);
+    }
     for (int a = 0; a < dim_; ++a)
       for (int i = 0; i < size_; ++i)
         by_xi[a][i] += growth[a] * by_weight[i];
@@ -116,8 +128,8 @@ public:
     const auto [slots, inverse, growth] = moves_with(p, point);
     const auto n = static_cast<std::size_t>(size_);
     std::ranges::fill(out, 0.0);
-    const Area area = area_of(point);
-    std::copy_n(area.growth.begin(), n, out.subspan(2 * n).begin());
+    const Row grows = uniform_ ? velocity_[area_slot_] : area_of(point).growth;
+    std::copy_n(grows.begin(), n, out.subspan(2 * n).begin());
     for (const Slot& slot : slots)
       for (int d = 0; d < dim_; ++d)
       {
@@ -140,6 +152,9 @@ public:
     std::vector<double> left, right;
     for (std::size_t k = 0; k < velocity_.size(); ++k)
     {
+      const std::span row = std::span(velocity_[k]).first(n);
+      if (std::ranges::all_of(row, [](double v) { return v == 0; }))
+        continue; // of a corner that stays on the facet
       left.insert(left.end(), left_[k].begin(), left_[k].begin() + size_);
       right.insert(right.end(), velocity_[k].begin(), velocity_[k].begin() + size_);
     }
@@ -147,6 +162,16 @@ public:
   }
 
 private:
+  /// Whether a facet has the same area per reference area all over.
+  static bool is_flat(const RayFacet& facet)
+  {
+    if (facet.type != FacetType::quadrilateral)
+      return true;
+    const auto x = [&](int i) { return facet_vertex(facet.x, i); };
+    const Vec3 twist = x(3) - x(1) - x(2) + x(0), side = x(3) - x(0);
+    return dot(twist, twist) <= 1e-26 * dot(side, side);
+  }
+
   /// What moves a point: V and its divergence, less U and its own, are sums of these times what the
   /// slots move by.
   struct Slot
@@ -319,6 +344,12 @@ private:
   /// Let a corner move by what it moves against the facet's material.
   void take_off(std::size_t c, const InPlane& cut)
   {
+    if (c < shape_.corners.size() && shape_.corners[c].other[0] < 0) // it is the facet's own
+    {
+      for (int d = 0; d < dim_; ++d)
+        velocity_[c * dim_ + d].fill(0.0);
+      return;
+    }
     const auto N = shape_functions(type_, planar_.invert(q_[c]));
     for (int d = 0; d < dim_; ++d)
       for (int i = 0; i < cut_vertices(); ++i)
@@ -383,6 +414,8 @@ private:
   std::vector<Vec2> q_;            ///< of corners, and of the middle
   std::vector<Row> velocity_;      ///< of these, and of the facet's vertices, [slot][direction]
   std::vector<Row> left_;          ///< what multiplies that, likewise
+  bool uniform_ = false;           ///< whether δ ln S is the same at all points, a slot of its own
+  std::size_t area_slot_ = 0;
 };
 } // namespace
 
