@@ -49,28 +49,28 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
   m.def(
       "insert_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> pressure,
+      [](const Surface* master, const Pieces& pieces, In<double> pressure, bool moves,
          std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
         insert_curvature_of_points(
-            master, pieces, pressure.view(),
+            master, pieces, pressure.view(), moves,
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
             contact_blocks(blocks), scale);
       },
-      "master"_a.none(), "pieces"_a, "pressure"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "master"_a.none(), "pieces"_a, "pressure"_a, "moves"_a, "markers"_a, "blocks"_a, "scale"_a,
       "Add how forces of pressures change as gaps bend and points move to the blocks "
       "(ss, sm, ms, mm). Collective.");
   m.def(
       "insert_slip_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> traction,
+      [](const Surface* master, const Pieces& pieces, In<double> traction, bool moves,
          std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
       {
         insert_slip_curvature_of_points(
-            master, pieces, traction.view(),
+            master, pieces, traction.view(), moves,
             {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
             contact_blocks(blocks), scale);
       },
-      "master"_a.none(), "pieces"_a, "traction"_a, "markers"_a, "blocks"_a, "scale"_a,
+      "master"_a.none(), "pieces"_a, "traction"_a, "moves"_a, "markers"_a, "blocks"_a, "scale"_a,
       "Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). "
       "Collective.");
   m.def(

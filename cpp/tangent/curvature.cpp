@@ -82,7 +82,7 @@ bool is_zero(double value) { return value == 0; }
 } // namespace
 
 void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                           std::span<const double> pressure,
+                                           std::span<const double> pressure, bool moves,
                                            std::array<Vec, 2> markers, ContactBlocks blocks,
                                            std::array<double, 2> scale)
 {
@@ -101,17 +101,20 @@ void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& 
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
     add_curvature_of_points(pair, points, of_piece, H);
-    add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
-                      0.0);
-    add_forces_by_rise(pair, points, of_piece, H, by_normals);
+    if (moves)
+    {
+      add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
+      by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
+                        0.0);
+      add_forces_by_rise(pair, points, of_piece, H, by_normals);
+    }
     insertion.add(i, H);
   }
   insertion.insert();
 }
 
 void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                                std::span<const double> traction,
+                                                std::span<const double> traction, bool moves,
                                                 std::array<Vec, 2> markers, ContactBlocks blocks,
                                                 std::array<double, 2> scale)
 {
@@ -130,10 +133,13 @@ void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pie
     std::ranges::fill(H, 0.0);
     const RayPair pair = pair_of(pieces, i);
     add_slip_curvature_of_points(pair, points, of_piece, H);
-    add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-    by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
-                      0.0);
-    add_slip_forces_by_rise(pair, points, of_piece, H, by_normals);
+    if (moves)
+    {
+      add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
+      by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
+                        0.0);
+      add_slip_forces_by_rise(pair, points, of_piece, H, by_normals);
+    }
     insertion.add(i, H);
   }
   insertion.insert();

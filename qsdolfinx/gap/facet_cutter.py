@@ -230,6 +230,7 @@ class FacetCutter:
         self,
         found: Found,
         pressure: Array,
+        moves: bool,
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -239,11 +240,13 @@ class FacetCutter:
             self._master,
             found.of_cutter,
             np.ascontiguousarray(pressure),
+            moves,
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
         )
-        self._add_turning(found, np.ascontiguousarray(pressure), markers, blocks, scale)
+        if moves:
+            self._add_turning(found, np.ascontiguousarray(pressure), markers, blocks, scale)
 
     def moving_functions(
         self,
@@ -345,6 +348,7 @@ class FacetCutter:
         self,
         found: Found,
         traction: Array,
+        moves: bool,
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -354,11 +358,13 @@ class FacetCutter:
             self._master,
             found.of_cutter,
             _in_space(traction),
+            moves,
             [handle_of(vec) for vec in markers],
             [handle_of(mat) for mat in blocks],
             scale,
         )
-        self._add_turning(found, _in_space(traction), markers, blocks, scale)
+        if moves:
+            self._add_turning(found, _in_space(traction), markers, blocks, scale)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

@@ -164,6 +164,7 @@ class Cutter(typing.Protocol):
         self,
         found: Found,
         pressure: Array,
+        moves: bool,
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -175,6 +176,7 @@ class Cutter(typing.Protocol):
         Args:
             found: What has been found there.
             pressure: p_p, (rows,).
+            moves: Whether points move on their facets.
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
             blocks: The matrices.
             scale: Displacement per unknown of both bodies.
@@ -234,6 +236,7 @@ class Cutter(typing.Protocol):
         self,
         found: Found,
         traction: Array,
+        moves: bool,
         markers: Vecs,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
@@ -243,6 +246,7 @@ class Cutter(typing.Protocol):
         Args:
             found: What has been found there.
             traction: τ_p, (rows, gdim).
+            moves: Whether points move on their facets.
             markers: As for :meth:`add_curvature_of_points`.
             blocks: Likewise.
             scale: Likewise.
@@ -443,6 +447,7 @@ class Following:
         self,
         last: Cut,
         traction: Array,
+        moves: bool,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
@@ -451,11 +456,14 @@ class Following:
         Args:
             last: The last evaluation.
             traction: τ_p, (rows, gdim).
+            moves: Whether points move on their facets.
             blocks: The matrices (ss, sm, ms, mm).
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        self._cutter.add_slip_curvature_of_points(last.found, traction, self._marked, blocks, scale)
+        self._cutter.add_slip_curvature_of_points(
+            last.found, traction, moves, self._marked, blocks, scale
+        )
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -529,6 +537,7 @@ class Following:
         self,
         last: Cut,
         pressure: Array,
+        moves: bool,
         blocks: typing.Sequence[PETSc.Mat | None],
         scale: tuple[float, float],
     ) -> None:
@@ -539,11 +548,14 @@ class Following:
         Args:
             last: The last evaluation.
             pressure: p_p, (rows,).
+            moves: Whether points move on their facets.
             blocks: The matrices.
             scale: Displacement per unknown of both bodies.
         """
         assert self._marked is not None
-        self._cutter.add_curvature_of_points(last.found, pressure, self._marked, blocks, scale)
+        self._cutter.add_curvature_of_points(
+            last.found, pressure, moves, self._marked, blocks, scale
+        )
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
         """New vector of values of the sides of owned nodes. Collective."""

@@ -437,18 +437,20 @@ class WeightedGap:
     def add_slip_curvature(
         self,
         traction: Array,
+        moves: bool,
         blocks: typing.Sequence[PETSc.Mat | None],
     ) -> None:
         """Add how forces of friction τ, (rows, gdim), change with τ held. Collective.
 
         Args:
             traction: τ.
+            moves: Whether points move on their facets.
             blocks: The matrices (ss, sm, ms, mm).
         """
         if self.following is None or self.cut is None:
             return
         forces, scale = self._share * traction, self.state.scale
-        self.following.add_slip_curvature_of_points(self.cut, forces, blocks, scale)
+        self.following.add_slip_curvature_of_points(self.cut, forces, moves, blocks, scale)
 
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
@@ -475,7 +477,7 @@ class WeightedGap:
             self.following.constrain(slave, master)
 
     def add_curvature_of_points(
-        self, pressure: Array, blocks: typing.Sequence[PETSc.Mat | None]
+        self, pressure: Array, moves: bool, blocks: typing.Sequence[PETSc.Mat | None]
     ) -> None:
         """Add how Σ_p w_p p_p ∂g_p changes with p_p held, of gaps that follow.
 
@@ -483,11 +485,12 @@ class WeightedGap:
 
         Args:
             pressure: p_p, (rows,).
+            moves: Whether points move on their facets.
             blocks: The matrices.
         """
         assert self.following is not None and self.cut is not None
         force, scale = self._share * pressure, self.state.scale
-        self.following.add_curvature_of_points(self.cut, force, blocks, scale)
+        self.following.add_curvature_of_points(self.cut, force, moves, blocks, scale)
 
     def moving_functions(
         self,

@@ -49,11 +49,21 @@ class CondensedRows:
 
     #: Part of the diagonal by which the inexact derivative is softer.
     proximal = LEAST_PROXIMAL
+    #: Whether it is that far from a solution: λ_h takes the place of p in forces that change, and
+    #: points stay where they are on the facets.
     far = False
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         self.model, self.gap = model, gap
         self.scales = Scales.of(model, model.eps * gap.relative_penalty)
+
+    @property
+    def moves(self) -> bool:
+        """Whether points move on their facets in the inexact derivative, but for their gaps.
+
+        Far from a solution gaps stay what they are there, and without multipliers all of it.
+        """
+        return not self.far or self.has_multipliers
 
     @property
     def _width(self) -> int:
@@ -359,7 +369,7 @@ class PointConstraints(CondensedRows):
         found = at.pressure[:, 0]
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
-        self.gap.add_curvature_of_points(found, blocks)
+        self.gap.add_curvature_of_points(found, self.moves, blocks)
 
     def moving(self, at: Normal) -> MovingFunctions | None:
         """How λ_h moves along facets, of gaps that follow; None if it does not. Collective.

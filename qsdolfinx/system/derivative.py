@@ -234,7 +234,7 @@ class Derivative:
             assert isinstance(p.rows.condensed, PointConstraints)
             p.rows.condensed.add_curvature(e.normal, given(s, m))
             if p.slip is not None and e.tangential is not None:
-                p.gap.add_slip_curvature(e.tangential.traction, given(s, m))
+                p.gap.add_slip_curvature(e.tangential.traction, p.rows.condensed.moves, given(s, m))
         for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
             if contact.coupling is not None:
                 ss, sm, ms, mm = given(*sides)
