@@ -321,12 +321,6 @@ class Pieces:
     ]:
         """The same of forces of pressures or tractions, on both bodies; rows are unknowns."""
 
-    @property
-    def rise(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex]."""
-
-    @rise.setter
-    def rise(self, arg: numpy.typing.NDArray[numpy.float64], /) -> None: ...
     def functions(self) -> numpy.typing.NDArray[numpy.float64]:
         """Functions of the slave's vertices at the points, [point][k]."""
 

@@ -234,10 +234,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "stress"_a, "slips"_a,
           "The same of forces of pressures or tractions, on both bodies; rows are unknowns.")
-      .def_prop_rw(
-          "rise", [](const Pieces& p) { return copy(p.rise, {p.rise.size()}); },
-          [](Pieces& p, In<double> rise) { p.rise.assign(rise.view().begin(), rise.view().end()); },
-          "Slopes of that at vertices, times lengths of edges, [piece][vertex][vertex].")
       .def(
           "functions",
           [](const Pieces& p)

@@ -390,12 +390,16 @@ class FacetCutter:
 
 def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | None) -> PETSc.Mat:
     """The matrix with zeros where conditions hold, see the markers of :class:`Cutter`."""
-    free = []
-    for vec in (rows, columns):
-        free.append(None if vec is None else vec.copy())
-        if free[-1] is not None:
-            free[-1].array[:] = free[-1].array_r == 0
+    free: list[PETSc.Vec | None] = []
+    for marked in (rows, columns):
+        vec = None if marked is None else marked.copy()
+        if vec is not None:
+            vec.array[:] = vec.array_r == 0
+        free.append(vec)
     mat.diagonalScale(*free)
+    for vec in free:
+        if vec is not None:
+            vec.destroy()
     return mat
 
 

@@ -49,8 +49,8 @@ class CondensedRows:
 
     #: Part of the diagonal by which the inexact derivative is softer.
     proximal = LEAST_PROXIMAL
-    #: Whether it is that far from a solution: λ_h takes the place of p in forces that change, and
-    #: points stay where they are on the facets.
+    #: Whether it is that far from a solution: λ_h takes the place of p in forces that change; see
+    #: :attr:`moves`.
     far = False
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:

@@ -96,6 +96,15 @@ def test_round_tool(cell, friction):
     assert errors(equations, z, scale) < 1e-7
 
 
+def test_round_tool_on_rings():
+    """The same where areas grow with the radius."""
+    body = Body(box(WORLD, (3, 3), "triangle", (0.2, 0.0), (1.2, 1.0)), axisymmetric=True)
+    body.clamp(plane(body.mesh, 1, 0.0))
+    tool = qs.RigidSurface.sphere(WORLD, [0.0, 1.9], 1.0)
+    equations = equations_between([body], body.side(1, 1.0), tool, friction=qs.Coulomb(0.3))
+    assert errors(equations, *near(equations, 5.0)) < 1e-7
+
+
 def equations_between(bodies, *surfaces, **options):
     problem = problem_of(bodies, [qs.Contact(*surfaces, sliding="finite", **options)])
     problem.set_up()
