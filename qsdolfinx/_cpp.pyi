@@ -364,6 +364,30 @@ class RayPoints:
     def t(self) -> numpy.typing.NDArray[numpy.float64]:
         """Lengths of the rays, negative in penetration, [point]."""
 
+class RowSums:
+    """What is added to a matrix; see tangent/row_sums.h."""
+
+    def __init__(self, matrix: int) -> None:
+        """Of a matrix that must outlive it and is not assembled here."""
+
+    def add_entries(
+        self,
+        rows: numpy.typing.NDArray[numpy.int64],
+        columns: numpy.typing.NDArray[numpy.int64],
+        values: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Add entries in any order, of any rank's rows; negative numbers are left out."""
+
+    def add_squares(
+        self,
+        numbers: numpy.typing.NDArray[numpy.int64],
+        values: numpy.typing.NDArray[numpy.float64],
+    ) -> None:
+        """Add matrices, [block][row][row], by numbers [block][row]; negative ones are left out."""
+
+    def insert(self) -> None:
+        """Add all to the matrix."""
+
 class SearchRadius:
     """How far from each other points may be that are paired: one distance, or the size of the larger facet there, if that is less."""
 
@@ -400,6 +424,8 @@ class StackedRows:
     """Rows of points by all unknowns; see tangent/products.h."""
 
     def __init__(self, num_points: int, components: int) -> None: ...
+    @property
+    def components(self) -> int: ...
     def add_gaps(
         self,
         gap: GapOperator,
@@ -494,18 +520,30 @@ class Surface:
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Their averaged outward unit normals, [node][3]."""
 
-def add_entries(
-    matrix: int,
-    rows: numpy.typing.NDArray[numpy.int64],
-    columns: numpy.typing.NDArray[numpy.int64],
-    values: numpy.typing.NDArray[numpy.float64],
+def add_curvature(
+    sums: RowSums,
+    pieces: Pieces,
+    pressure: numpy.typing.NDArray[numpy.float64],
+    moves: bool,
+    numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
+    scale: Sequence[float],
 ) -> None:
-    """Add entries in any order, of any rank's rows; negative numbers are left out."""
+    """Add how forces of pressures change as gaps bend and points move; numbers are those of unknowns, [piece][node][gdim]."""
 
 def add_products(
-    matrix: int, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]
+    sums: RowSums, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]
 ) -> None:
     """Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each point."""
+
+def add_slip_curvature(
+    sums: RowSums,
+    pieces: Pieces,
+    traction: numpy.typing.NDArray[numpy.float64],
+    moves: bool,
+    numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
+    scale: Sequence[float],
+) -> None:
+    """Add how forces of given tractions at points change, likewise."""
 
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius
@@ -567,6 +605,9 @@ def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
 def forget_master(points: PairingPoints) -> None:
     """Forget the unknowns of the master."""
 
+def free_unknowns(pieces: Pieces, side: int, markers: int) -> numpy.typing.NDArray[numpy.int64]:
+    """Unknowns of the slave (0) or master (1), negative where they are held, [piece][node][gdim]. Collective."""
+
 def heights_at(
     surface: Surface,
     known: bool,
@@ -585,17 +626,6 @@ def insert_contact(
 ) -> None:
     """Add Gᵀ D G to the blocks (ss, sm, ms, mm)."""
 
-def insert_curvature_of_points(
-    master: Surface | None,
-    pieces: Pieces,
-    pressure: numpy.typing.NDArray[numpy.float64],
-    moves: bool,
-    markers: Sequence[int],
-    blocks: Sequence[int],
-    scale: Sequence[float],
-) -> None:
-    """Add how forces of pressures change as gaps bend and points move to the blocks (ss, sm, ms, mm). Collective."""
-
 def insert_friction(
     jump: GapOperator,
     normal: GapOperator,
@@ -605,17 +635,6 @@ def insert_friction(
     scale: Sequence[float],
 ) -> None:
     """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
-
-def insert_slip_curvature_of_points(
-    master: Surface | None,
-    pieces: Pieces,
-    traction: numpy.typing.NDArray[numpy.float64],
-    moves: bool,
-    markers: Sequence[int],
-    blocks: Sequence[int],
-    scale: Sequence[float],
-) -> None:
-    """Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). Collective."""
 
 def keep_points(points: PairingPoints, which: numpy.typing.NDArray[numpy.uint8]) -> None:
     """Forget points but those, [point]."""

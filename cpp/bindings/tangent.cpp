@@ -47,32 +47,62 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       },
       "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
+  nb::class_<RowSums>(m, "RowSums", "What is added to a matrix; see tangent/row_sums.h.")
+      .def(
+          "__init__",
+          [](RowSums* self, Handle matrix) { new (self) RowSums(reinterpret_cast<Mat>(matrix)); },
+          "matrix"_a, "Of a matrix that must outlive it and is not assembled here.")
+      .def(
+          "add_entries",
+          [](RowSums& sums, In<std::int64_t> rows, In<std::int64_t> columns, In<double> values)
+          { sums.add_entries(rows.view(), columns.view(), values.view()); }, "rows"_a, "columns"_a,
+          "values"_a,
+          "Add entries in any order, of any rank's rows; negative numbers are left out.")
+      .def(
+          "add_squares",
+          [](RowSums& sums, In<std::int64_t> numbers, In<double> values)
+          {
+            const std::size_t size = numbers.array.ndim() == 2 ? numbers.array.shape(1) : 0;
+            if (values.array.size() != size * numbers.array.size())
+              throw nb::value_error("values must be [block][row][row]");
+            sums.add_squares(numbers.view(), values.view(), size);
+          },
+          "numbers"_a, "values"_a,
+          "Add matrices, [block][row][row], by numbers [block][row]; negative ones are left out.")
+      .def("insert", &RowSums::insert, "Add all to the matrix.");
   m.def(
-      "insert_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> pressure, bool moves,
-         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      "add_curvature",
+      [](RowSums& sums, const Pieces& pieces, In<double> pressure, bool moves,
+         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale)
       {
-        insert_curvature_of_points(
-            master, pieces, pressure.view(), moves,
-            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale);
+        add_curvature(pieces, pressure.view(), moves,
+                      {sums, {numbers[0].view(), numbers[1].view()}, scale});
       },
-      "master"_a.none(), "pieces"_a, "pressure"_a, "moves"_a, "markers"_a, "blocks"_a, "scale"_a,
-      "Add how forces of pressures change as gaps bend and points move to the blocks "
-      "(ss, sm, ms, mm). Collective.");
+      "sums"_a, "pieces"_a, "pressure"_a, "moves"_a, "numbers"_a, "scale"_a,
+      "Add how forces of pressures change as gaps bend and points move; numbers are those of "
+      "unknowns, [piece][node][gdim].");
   m.def(
-      "insert_slip_curvature_of_points",
-      [](const Surface* master, const Pieces& pieces, In<double> traction, bool moves,
-         std::array<Handle, 2> markers, std::array<Handle, 4> blocks, std::array<double, 2> scale)
+      "add_slip_curvature",
+      [](RowSums& sums, const Pieces& pieces, In<double> traction, bool moves,
+         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale)
       {
-        insert_slip_curvature_of_points(
-            master, pieces, traction.view(), moves,
-            {reinterpret_cast<Vec>(markers[0]), reinterpret_cast<Vec>(markers[1])},
-            contact_blocks(blocks), scale);
+        add_slip_curvature(pieces, traction.view(), moves,
+                           {sums, {numbers[0].view(), numbers[1].view()}, scale});
       },
-      "master"_a.none(), "pieces"_a, "traction"_a, "moves"_a, "markers"_a, "blocks"_a, "scale"_a,
-      "Add how forces of given tractions at points change to the blocks (ss, sm, ms, mm). "
-      "Collective.");
+      "sums"_a, "pieces"_a, "traction"_a, "moves"_a, "numbers"_a, "scale"_a,
+      "Add how forces of given tractions at points change, likewise.");
+  m.def(
+      "free_unknowns",
+      [](const Pieces& pieces, int side, Handle markers)
+      {
+        auto out = free_unknowns(side == 0 ? pieces.slave : pieces.master,
+                                 reinterpret_cast<Vec>(markers));
+        const std::size_t n = out.size();
+        return copy(std::move(out), {n});
+      },
+      "pieces"_a, "side"_a, "markers"_a,
+      "Unknowns of the slave (0) or master (1), negative where they are held, "
+      "[piece][node][gdim]. Collective.");
   m.def(
       "put_rows",
       [](Handle block, Handle matrix, In<std::int32_t> rows,
@@ -110,6 +140,7 @@ void qsdolfinx::bind_tangent(nb::module_& m)
   nb::class_<StackedRows>(m, "StackedRows",
                           "Rows of points by all unknowns; see tangent/products.h.")
       .def(nb::init<std::size_t, std::size_t>(), "num_points"_a, "components"_a)
+      .def_prop_ro("components", &StackedRows::components)
       .def(
           "add_gaps",
           [](StackedRows& rows, const GapOperator& gap, int side, In<std::int64_t> numbers,
@@ -144,17 +175,10 @@ void qsdolfinx::bind_tangent(nb::module_& m)
           "Rows, columns and values, [entry].");
   m.def(
       "add_products",
-      [](Handle matrix, const StackedRows& left, const StackedRows& right, In<double> D)
-      { add_products(reinterpret_cast<Mat>(matrix), left, right, D.view()); }, "matrix"_a, "left"_a,
-      "right"_a, "D"_a,
+      [](RowSums& sums, const StackedRows& left, const StackedRows& right, In<double> D)
+      { add_products(sums, left, right, D.view()); }, "sums"_a, "left"_a, "right"_a, "D"_a,
       "Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each "
       "point.");
-  m.def(
-      "add_entries",
-      [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns, In<double> values)
-      { add_entries(reinterpret_cast<Mat>(matrix), rows.view(), columns.view(), values.view()); },
-      "matrix"_a, "rows"_a, "columns"_a, "values"_a,
-      "Add entries in any order, of any rank's rows; negative numbers are left out.");
   m.def(
       "set_places", [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns)
       { set_places(reinterpret_cast<Mat>(matrix), rows.view(), columns.view()); }, "matrix"_a,

@@ -91,35 +91,6 @@ public:
       area_slot_ = velocity_.size();
       velocity_.push_back(area_of(RayPoint{}).growth);
     }
-    left_.assign(velocity_.size(), Row{});
-  }
-
-  /// Add what multiplies δξ and δ ln w of a point.
-  void add_point(std::size_t p, const RayPoint& point, std::array<Row, 2>& by_xi,
-                 const Row& by_weight)
-  {
-    const auto [slots, inverse, growth] = moves_with(p, point);
-    if (uniform_)
-      for (int i = 0; i < size_; ++i)
-        left_[area_slot_][i] += by_weight[i];
-    else
-    {
-      left_.push_back(by_weight);
-      velocity_.push_back(area_of(point).growth);
-    }
-    for (int a = 0; a < dim_; ++a)
-      for (int i = 0; i < size_; ++i)
-        by_xi[a][i] += growth[a] * by_weight[i];
-    for (const Slot& slot : slots)
-      for (int d = 0; d < dim_; ++d)
-      {
-        Row& left = left_[slot.number * dim_ + d];
-        for (int a = 0; a < dim_; ++a)
-          for (int i = 0; i < size_; ++i)
-            left[i] += slot.value * inverse[a][d] * by_xi[a][i];
-        for (int i = 0; i < size_; ++i)
-          left[i] += slot.gradient[d] * by_weight[i];
-      }
   }
 
   /// δξ₁, δξ₂ and δ ln w of a point. @param out [3][column]
@@ -143,22 +114,6 @@ public:
     for (int a = 0; a < dim_; ++a)
       for (std::size_t i = 0; i < n; ++i)
         out[2 * n + i] += growth[a] * out[a * n + i];
-  }
-
-  /// Add the products of what has been added and how corners move. @param out [column][column]
-  void add_to(std::span<double> out) const
-  {
-    const auto n = static_cast<std::size_t>(size_);
-    std::vector<double> left, right;
-    for (std::size_t k = 0; k < velocity_.size(); ++k)
-    {
-      const std::span row = std::span(velocity_[k]).first(n);
-      if (std::ranges::all_of(row, [](double v) { return v == 0; }))
-        continue; // of a corner that stays on the facet
-      left.insert(left.end(), left_[k].begin(), left_[k].begin() + size_);
-      right.insert(right.end(), velocity_[k].begin(), velocity_[k].begin() + size_);
-    }
-    add_outer_products(left, right, {}, n, n, out.data());
   }
 
 private:
@@ -413,9 +368,46 @@ private:
   double least_area_ = 0;          ///< of a triangle that is not flat
   std::vector<Vec2> q_;            ///< of corners, and of the middle
   std::vector<Row> velocity_;      ///< of these, and of the facet's vertices, [slot][direction]
-  std::vector<Row> left_;          ///< what multiplies that, likewise
   bool uniform_ = false;           ///< whether δ ln S is the same at all points, a slot of its own
   std::size_t area_slot_ = 0;
+};
+
+/// Products of forms with how points of a piece move.
+class Moved
+{
+public:
+  /// @param motions as point_motions has them
+  Moved(const RayPair& pair, std::span<const double> motions)
+      : n_(3 * static_cast<std::size_t>(pair.num_nodes())), dim_(dim_of(pair)), motions_(motions)
+  {
+  }
+
+  /// @param by_xi, by_weight what δξ and δ ln w of the point multiply
+  void add_point(std::size_t p, const std::array<Row, 2>& by_xi, const Row& by_weight)
+  {
+    const auto of_point = motions_.subspan(3 * n_ * p, 3 * n_);
+    for (int a = 0; a < dim_; ++a)
+      add_row(by_xi[a], of_point.subspan(a * n_, n_));
+    add_row(by_weight, of_point.subspan(2 * n_, n_));
+  }
+
+  /// @param out [column][column]
+  void add_to(std::span<double> out) const
+  {
+    add_outer_products(left_, right_, {}, n_, n_, out.data());
+  }
+
+private:
+  void add_row(const Row& form, std::span<const double> motion)
+  {
+    left_.insert(left_.end(), form.begin(), form.begin() + n_);
+    right_.insert(right_.end(), motion.begin(), motion.end());
+  }
+
+  std::size_t n_;
+  int dim_;
+  std::span<const double> motions_;
+  std::vector<double> left_, right_;
 };
 } // namespace
 
@@ -431,15 +423,13 @@ void qsdolfinx::point_motions(const RayPair& pair, const PieceShape& shape,
     motion.rows(p, points[p], out.subspan(p * size, size));
 }
 
-void qsdolfinx::add_motion_of_points(const RayPair& pair, const PieceShape& shape,
+void qsdolfinx::add_motion_of_points(const RayPair& pair, std::span<const double> motions,
                                      std::span<const RayPoint> points,
                                      std::span<const double> pressure, std::span<double> hessian)
 {
-  if (shape.corners.empty())
-    return;
   const Normal normal(pair.cut);
   const Columns columns(pair);
-  Motion motion(pair, shape);
+  Moved moved(pair, motions);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     if (pressure[p] == 0)
@@ -450,22 +440,20 @@ void qsdolfinx::add_motion_of_points(const RayPair& pair, const PieceShape& shap
     std::array<Row, 2> by_xi;
     for (int a = 0; a < dim_of(pair); ++a)
       by_xi[a] = at.form(c, -force * at.change_of(at.ray.A.t, a), a);
-    motion.add_point(p, points[p], by_xi, at.ray.form(columns, normal, c));
+    moved.add_point(p, by_xi, at.ray.form(columns, normal, c));
   }
-  motion.add_to(hessian);
+  moved.add_to(hessian);
 }
 
-void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceShape& shape,
+void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, std::span<const double> motions,
                                           std::span<const RayPoint> points,
                                           std::span<const double> traction,
                                           std::span<double> hessian)
 {
-  if (shape.corners.empty())
-    return;
   const Normal normal(pair.cut);
   const Columns columns(pair);
   const int dim = dim_of(pair);
-  Motion motion(pair, shape);
+  Moved moved(pair, motions);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const RayByXi at(pair, normal, columns, points[p]);
@@ -484,7 +472,7 @@ void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceShape&
     std::array<Row, 2> by_xi;
     for (int a = 0; a < dim; ++a)
       by_xi[a] = at.form(c, dc[a], a);
-    motion.add_point(p, points[p], by_xi, at.ray.form(columns, normal, c));
+    moved.add_point(p, by_xi, at.ray.form(columns, normal, c));
   }
-  motion.add_to(hessian);
+  moved.add_to(hessian);
 }

@@ -46,14 +46,14 @@ void point_motions(const RayPair& pair, const PieceShape& shape, std::span<const
 
 /// Add what the motion of points adds to the derivative of Σ_p w_p p_p ∂g_p, p_p constant, the rest
 /// of which is of fixed ξ and w.
-/// @param pressure p_p, [point] @param hessian [node][3][node][3], rows are those of ∂g_p; not
-/// symmetric
-void add_motion_of_points(const RayPair& pair, const PieceShape& shape,
+/// @param motions as point_motions has them @param pressure p_p, [point] @param hessian
+/// [node][3][node][3], rows are those of ∂g_p; not symmetric
+void add_motion_of_points(const RayPair& pair, std::span<const double> motions,
                           std::span<const RayPoint> points, std::span<const double> pressure,
                           std::span<double> hessian);
 
 /// The same of Σ_p w_p τ_p·(what tractions work on), see RaySlip. @param traction τ_p, [point][3]
-void add_slip_motion_of_points(const RayPair& pair, const PieceShape& shape,
+void add_slip_motion_of_points(const RayPair& pair, std::span<const double> motions,
                                std::span<const RayPoint> points, std::span<const double> traction,
                                std::span<double> hessian);
 

@@ -2,7 +2,6 @@
 #include "gap/piece_forces.h"
 #include "parallel/petsc.h"
 #include "sliding/rise.h"
-#include "tangent/row_sums.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -11,32 +10,27 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Unknowns of one side, -1 where a Dirichlet condition holds, [piece][node][gdim].
-std::vector<PetscInt> free_dofs(const PieceSide& side, Vec markers)
-{
-  const std::vector<double> marked = values_at(markers, side.dofs);
-  std::vector<PetscInt> out(side.dofs.begin(), side.dofs.end());
-  for (std::size_t i = 0; i < out.size(); ++i)
-    if (marked[i] != 0)
-      out[i] = -1;
-  return out;
-}
-
-/// Inserts matrices of pieces, [node][3][node][3], the slave's nodes first, once all are known.
+/// Adds matrices of pieces, [node][3][node][3], the slave's nodes first, to that of all unknowns.
 class Insertion
 {
 public:
-  /// Collective.
-  Insertion(const Surface* master, const Pieces& pieces, std::array<Vec, 2> markers,
-            ContactBlocks blocks, std::array<double, 2> scale)
-      : sides_{&pieces.slave, &pieces.master}, num_sides_(master ? 2 : 1), scale_(scale),
+  /// @throws std::invalid_argument if there is not a number for each unknown of the pieces
+  Insertion(const Pieces& pieces, const Destination& to)
+      : num_sides_(to.numbers[1].empty() ? 1 : 2), to_(to),
         d_(static_cast<std::size_t>(pieces.gdim)),
         nodes_{static_cast<std::size_t>(pieces.slave.num_nodes),
                static_cast<std::size_t>(pieces.master.num_nodes)},
-        sums_{RowSums(blocks[0]), RowSums(blocks[1]), RowSums(blocks[2]), RowSums(blocks[3])}
+        sums_(to.sums)
   {
     for (int s = 0; s < num_sides_; ++s)
-      dofs_[s] = free_dofs(*sides_[s], markers[s]);
+      if (to.numbers[s].size() != pieces.size() * nodes_[s] * d_)
+        throw std::invalid_argument("a number for each unknown");
+    for (int s = 0; s < num_sides_; ++s)
+      for (std::size_t i = 0; i < nodes_[s] * d_; ++i)
+      {
+        of_matrix_.push_back(3 * (s * nodes_[0] + i / d_) + i % d_);
+        scale_.push_back(to.scale[s]);
+      }
   }
 
   /// Rows of a matrix.
@@ -44,103 +38,97 @@ public:
 
   void add(std::size_t piece, std::span<const double> H)
   {
-    for (int a = 0; a < num_sides_; ++a)
-      for (int b = 0; b < num_sides_; ++b)
-      {
-        const std::size_t rows = nodes_[a] * d_, columns = nodes_[b] * d_, row0 = a * nodes_[0],
-                          column0 = b * nodes_[0];
-        block_.resize(rows * columns);
-        for (std::size_t r = 0; r < rows; ++r)
-          for (std::size_t c = 0; c < columns; ++c)
-            block_[r * columns + c]
-                = scale_[b]
-                  * H[(3 * (row0 + r / d_) + r % d_) * size() + 3 * (column0 + c / d_) + c % d_];
-        sums_[2 * a + b].add(std::span(dofs_[a]).subspan(piece * rows, rows),
-                             std::span(dofs_[b]).subspan(piece * columns, columns), block_);
-      }
-  }
-
-  void insert()
-  {
-    for (int a = 0; a < num_sides_; ++a)
-      for (int b = 0; b < num_sides_; ++b)
-        sums_[2 * a + b].insert();
+    const std::size_t n = of_matrix_.size();
+    numbers_.clear();
+    for (int s = 0; s < num_sides_; ++s)
+    {
+      const auto own = to_.numbers[s].subspan(piece * nodes_[s] * d_, nodes_[s] * d_);
+      numbers_.insert(numbers_.end(), own.begin(), own.end());
+    }
+    block_.resize(n * n);
+    for (std::size_t r = 0; r < n; ++r)
+      for (std::size_t c = 0; c < n; ++c)
+        block_[r * n + c] = scale_[c] * H[of_matrix_[r] * size() + of_matrix_[c]];
+    sums_.add(numbers_, numbers_, block_);
   }
 
 private:
-  std::array<const PieceSide*, 2> sides_;
   int num_sides_;
-  std::array<double, 2> scale_;
+  const Destination& to_;
   std::size_t d_;
   std::array<std::size_t, 2> nodes_;
-  std::array<std::vector<PetscInt>, 2> dofs_; ///< [piece][node][gdim]
-  std::array<RowSums, 4> sums_;               ///< ss, sm, ms, mm
-  std::vector<double> block_;                 ///< reused storage
+  std::vector<std::size_t> of_matrix_; ///< rows of a matrix that are unknowns
+  std::vector<double> scale_;          ///< of these
+  RowSums& sums_;
+  std::vector<PetscInt> numbers_; ///< reused storage
+  std::vector<double> block_;     ///< likewise
 };
 
-bool is_zero(double value) { return value == 0; }
+/// What changes of pieces' forces are sums of: those of fixed places, of the motion of points, and
+/// of heights.
+struct Terms
+{
+  using Points = std::span<const RayPoint>;
+  using In = std::span<const double>;
+  using Out = std::span<double>;
+  void (*fixed)(const RayPair&, Points, In, Out);
+  void (*moving)(const RayPair&, In, Points, In, Out);
+  void (*rising)(const RayPair&, Points, In, Out, Out);
+};
+
+/// @param stress [point][width]
+void add_pieces(const Pieces& pieces, std::span<const double> stress, std::size_t width, bool moves,
+                const Destination& to, const Terms& terms)
+{
+  if (stress.size() < width * pieces.points.size())
+    throw std::invalid_argument("a pressure or traction for each point");
+  Insertion insertion(pieces, to);
+  const bool have_corners = moves && !pieces.corner_end.empty();
+  const std::span<const double> motions
+      = have_corners ? std::span(motions_of(pieces)) : std::span<const double>();
+  std::vector<double> H(insertion.size() * insertion.size()), by_normals;
+  for (std::size_t i = 0, first = 0; i < pieces.size(); first = pieces.end[i++])
+  {
+    const auto points = pieces.points_of(i);
+    const auto of_piece = stress.subspan(width * first, width * points.size());
+    if (std::ranges::all_of(of_piece, [](double value) { return value == 0; }))
+      continue;
+    std::ranges::fill(H, 0.0);
+    const RayPair pair = pair_of(pieces, i);
+    terms.fixed(pair, points, of_piece, H);
+    if (have_corners)
+      terms.moving(pair, motions.subspan(3 * insertion.size() * first), points, of_piece, H);
+    if (moves)
+    {
+      by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
+                        0.0);
+      terms.rising(pair, points, of_piece, H, by_normals);
+    }
+    insertion.add(i, H);
+  }
+}
 } // namespace
 
-void qsdolfinx::insert_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                           std::span<const double> pressure, bool moves,
-                                           std::array<Vec, 2> markers, ContactBlocks blocks,
-                                           std::array<double, 2> scale)
+std::vector<std::int64_t> qsdolfinx::free_unknowns(const PieceSide& side, Vec markers)
 {
-  if (pressure.size() < pieces.points.size())
-    throw std::invalid_argument("a pressure for each point");
-  Insertion insertion(master, pieces, markers, blocks, scale);
-  std::vector<double> H(insertion.size() * insertion.size()), by_normals;
-  std::size_t first = 0;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    const auto points = pieces.points_of(i);
-    const auto of_piece = pressure.subspan(first, points.size());
-    first += points.size();
-    if (std::ranges::all_of(of_piece, is_zero))
-      continue;
-    std::ranges::fill(H, 0.0);
-    const RayPair pair = pair_of(pieces, i);
-    add_curvature_of_points(pair, points, of_piece, H);
-    if (moves)
-    {
-      add_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-      by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
-                        0.0);
-      add_forces_by_rise(pair, points, of_piece, H, by_normals);
-    }
-    insertion.add(i, H);
-  }
-  insertion.insert();
+  const std::vector<double> marked = values_at(markers, side.dofs);
+  std::vector<std::int64_t> out = side.dofs;
+  for (std::size_t i = 0; i < out.size(); ++i)
+    if (marked[i] != 0)
+      out[i] = -1;
+  return out;
 }
 
-void qsdolfinx::insert_slip_curvature_of_points(const Surface* master, const Pieces& pieces,
-                                                std::span<const double> traction, bool moves,
-                                                std::array<Vec, 2> markers, ContactBlocks blocks,
-                                                std::array<double, 2> scale)
+void qsdolfinx::add_curvature(const Pieces& pieces, std::span<const double> pressure, bool moves,
+                              const Destination& to)
 {
-  if (traction.size() < 3 * pieces.points.size())
-    throw std::invalid_argument("a traction for each point");
-  Insertion insertion(master, pieces, markers, blocks, scale);
-  std::vector<double> H(insertion.size() * insertion.size()), by_normals;
-  std::size_t first = 0;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    const auto points = pieces.points_of(i);
-    const auto of_piece = traction.subspan(3 * first, 3 * points.size());
-    first += points.size();
-    if (std::ranges::all_of(of_piece, is_zero))
-      continue;
-    std::ranges::fill(H, 0.0);
-    const RayPair pair = pair_of(pieces, i);
-    add_slip_curvature_of_points(pair, points, of_piece, H);
-    if (moves)
-    {
-      add_slip_motion_of_points(pair, pieces.shape_of(i), points, of_piece, H);
-      by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),
-                        0.0);
-      add_slip_forces_by_rise(pair, points, of_piece, H, by_normals);
-    }
-    insertion.add(i, H);
-  }
-  insertion.insert();
+  add_pieces(pieces, pressure, 1, moves, to,
+             {add_curvature_of_points, add_motion_of_points, add_forces_by_rise});
+}
+
+void qsdolfinx::add_slip_curvature(const Pieces& pieces, std::span<const double> traction,
+                                   bool moves, const Destination& to)
+{
+  add_pieces(pieces, traction, 3, moves, to,
+             {add_slip_curvature_of_points, add_slip_motion_of_points, add_slip_forces_by_rise});
 }

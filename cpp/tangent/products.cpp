@@ -1,7 +1,5 @@
 #include "tangent/products.h"
 #include "geometry/outer.h"
-#include "parallel/petsc.h"
-#include "tangent/row_sums.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -103,7 +101,7 @@ private:
 class Blocks
 {
 public:
-  explicit Blocks(Mat matrix) : sums_(matrix) {}
+  explicit Blocks(RowSums& sums) : sums_(sums) {}
 
   void begin(const std::vector<PetscInt>& rows, const std::vector<PetscInt>& columns)
   {
@@ -122,6 +120,8 @@ public:
     const bool coupled = count > 1 && D.size() == count * count;
     for (std::size_t k = 0; k < count; ++k)
     {
+      if (!coupled && D[k] == 0)
+        continue;
       left_.insert(left_.end(), left.row(k), left.row(k) + rows_.size());
       factor_.push_back(coupled ? 1.0 : D[k]);
       const std::size_t first = right_.size();
@@ -136,13 +136,7 @@ public:
     }
   }
 
-  void insert()
-  {
-    end();
-    sums_.insert();
-  }
-
-private:
+  /// Add what there is so far.
   void end()
   {
     if (!is_open_)
@@ -155,7 +149,8 @@ private:
     is_open_ = false;
   }
 
-  RowSums sums_;
+private:
+  RowSums& sums_;
   bool is_open_ = false;
   std::vector<PetscInt> rows_, columns_;
   std::vector<double> left_, right_, factor_; ///< of the points so far
@@ -180,7 +175,7 @@ void StackedRows::add_rows(const CompressedRows& rows, double factor, std::size_
   others_.push_back({&rows, factor, first, width});
 }
 
-void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedRows& right,
+void qsdolfinx::add_products(RowSums& sums, const StackedRows& left, const StackedRows& right,
                              std::span<const double> D)
 {
   const std::size_t num_rows = right.num_rows(), components = right.components();
@@ -192,7 +187,7 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
   const std::size_t count = components, of_point = coupled ? count * count : count;
   DenseRows by_left, by_right;
   const bool same = &left == &right;
-  Blocks blocks(matrix);
+  Blocks blocks(sums);
   for (std::size_t first = 0; first < num_rows; first += count)
   {
     bool is_new = by_right.take(right, first, count);
@@ -203,16 +198,5 @@ void qsdolfinx::add_products(Mat matrix, const StackedRows& left, const StackedR
       blocks.begin(works_on.columns(), by_right.columns());
     blocks.add(works_on, D.subspan(first / count * of_point, of_point), by_right);
   }
-  blocks.insert();
-}
-
-void qsdolfinx::add_entries(Mat matrix, std::span<const std::int64_t> rows,
-                            std::span<const std::int64_t> columns, std::span<const double> values)
-{
-  for (std::size_t e = 0; e < values.size(); ++e)
-  {
-    const auto i = static_cast<PetscInt>(rows[e]), j = static_cast<PetscInt>(columns[e]);
-    if (i >= 0 && j >= 0)
-      check(MatSetValues(matrix, 1, &i, 1, &j, &values[e], ADD_VALUES));
-  }
+  blocks.end();
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "gap/gap.h"
+#include "tangent/row_sums.h"
 
 #include <petscmat.h>
 
@@ -118,16 +119,12 @@ void StackedRows::visit_runs(std::size_t row, Visit visit) const
   }
 }
 
-/// Add Lᵀ D R to a matrix by all unknowns, which is not assembled here. Points that follow each
+/// Add Lᵀ D R to a matrix by all unknowns. Points that follow each
 /// other and have the same columns, as those of a piece, are inserted as one block; where D is zero
 /// zeros are, so that the pattern stays.
 ///
 /// @param D a number for each row, or a matrix [component][component] for each point
-void add_products(Mat matrix, const StackedRows& left, const StackedRows& right,
+void add_products(RowSums& sums, const StackedRows& left, const StackedRows& right,
                   std::span<const double> D);
-
-/// Add entries in any order, of any rank's rows; negative numbers are left out.
-void add_entries(Mat matrix, std::span<const std::int64_t> rows,
-                 std::span<const std::int64_t> columns, std::span<const double> values);
 
 } // namespace qsdolfinx

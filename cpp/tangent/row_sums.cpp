@@ -25,6 +25,28 @@ void RowSums::add(std::span<const PetscInt> rows, std::span<const PetscInt> colu
   values_.insert(values_.end(), values.begin(), values.end());
 }
 
+void RowSums::add_squares(std::span<const std::int64_t> numbers, std::span<const double> values,
+                          std::size_t size)
+{
+  std::vector<PetscInt> own(size);
+  for (std::size_t i = 0; i * size < numbers.size(); ++i)
+  {
+    std::ranges::copy(numbers.subspan(i * size, size), own.begin());
+    add(own, own, values.subspan(i * size * size, size * size));
+  }
+}
+
+void RowSums::add_entries(std::span<const std::int64_t> rows, std::span<const std::int64_t> columns,
+                          std::span<const double> values)
+{
+  for (std::size_t e = 0; e < values.size(); ++e)
+  {
+    const auto i = static_cast<PetscInt>(rows[e]), j = static_cast<PetscInt>(columns[e]);
+    if (i >= 0 && j >= 0)
+      check(MatSetValues(matrix_, 1, &i, 1, &j, &values[e], ADD_VALUES));
+  }
+}
+
 void RowSums::insert()
 {
   std::vector<PetscInt> known(columns_); // ascending; the place of a column stands for it below

@@ -1,9 +1,10 @@
-// Dense blocks that are added up row by row before a matrix gets them. No MPI.
+// Dense blocks that are added up row by row before a matrix gets them.
 #pragma once
 
 #include <petscmat.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -21,6 +22,12 @@ public:
   /// Negative numbers of rows and columns are left out. @param values [row][column]
   void add(std::span<const PetscInt> rows, std::span<const PetscInt> columns,
            std::span<const double> values);
+  /// Blocks that follow each other in memory, [block][row][column]; numbers are [block][row].
+  void add_squares(std::span<const std::int64_t> numbers, std::span<const double> values,
+                   std::size_t size);
+  /// Entries in any order, of any rank's rows; negative numbers are left out.
+  void add_entries(std::span<const std::int64_t> rows, std::span<const std::int64_t> columns,
+                   std::span<const double> values);
   void insert();
 
 private:

@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import (
     Alone,
+    Destination,
     Found,
     MovingFunctions,
     Places,
@@ -190,8 +191,7 @@ class FacetCutter:
         found: Found,
         stress: Array,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """Add how forces of pressures or tractions change as normals turn. Collective."""
         if found.normals is None:
@@ -202,8 +202,7 @@ class FacetCutter:
         entries = found.of_cutter.forces_by_normals(stress, stress.ndim > 1)
         turn = _but_for_held(found.normals.turn(entries), None, vec)
         for i, rows in enumerate(markers):
-            block = blocks[2 * i + side]
-            if rows is None or block is None:
+            if rows is None:
                 continue
             forces = new_matrix(rows.getSizes(), vec.getSizes(), entries[i], comm)
             product = _but_for_held(forces, rows, None).matMult(turn)
@@ -211,7 +210,8 @@ class FacetCutter:
             row = product.getOwnershipRange()[0] + np.repeat(
                 np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts)
             )
-            _cpp.add_entries(block.handle, row, column.astype(np.int64), scale[side] * value)
+            numbers = to.numbers[i](row), to.numbers[side](column.astype(np.int64))
+            to.sums.add_entries(*numbers, to.scale[side] * value)
             for mat in (forces, product):
                 mat.destroy()
         turn.destroy()
@@ -232,21 +232,13 @@ class FacetCutter:
         pressure: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
-        _cpp.insert_curvature_of_points(
-            self._master,
-            found.of_cutter,
-            np.ascontiguousarray(pressure),
-            moves,
-            [handle_of(vec) for vec in markers],
-            [handle_of(mat) for mat in blocks],
-            scale,
-        )
+        pressure, numbers = np.ascontiguousarray(pressure), _numbers(found, markers, to)
+        _cpp.add_curvature(to.sums, found.of_cutter, pressure, moves, numbers, to.scale)
         if moves:
-            self._add_turning(found, np.ascontiguousarray(pressure), markers, blocks, scale)
+            self._add_turning(found, pressure, markers, to)
 
     def moving_functions(
         self,
@@ -350,21 +342,13 @@ class FacetCutter:
         traction: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
-        _cpp.insert_slip_curvature_of_points(
-            self._master,
-            found.of_cutter,
-            _in_space(traction),
-            moves,
-            [handle_of(vec) for vec in markers],
-            [handle_of(mat) for mat in blocks],
-            scale,
-        )
+        traction, numbers = _in_space(traction), _numbers(found, markers, to)
+        _cpp.add_slip_curvature(to.sums, found.of_cutter, traction, moves, numbers, to.scale)
         if moves:
-            self._add_turning(found, _in_space(traction), markers, blocks, scale)
+            self._add_turning(found, traction, markers, to)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -386,6 +370,15 @@ class FacetCutter:
         for surface, x in zip(self._moving, (places[0], there), strict=True):
             surface.follow(np.ascontiguousarray(x))
         self._moved_to = places
+
+
+def _numbers(found: Found, markers: Vecs, to: Destination) -> list[npt.NDArray[np.int64]]:
+    """Of the pieces' unknowns of both sides, see ``cpp/tangent/curvature.h``. Collective."""
+    pieces, out = found.of_cutter, [np.zeros(0, dtype=np.int64)] * 2
+    for i, (numbers, vec) in enumerate(zip(to.numbers, markers, strict=False)):
+        assert vec is not None
+        out[i] = numbers(np.asarray(_cpp.free_unknowns(pieces, i, vec.handle)))
+    return out
 
 
 def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | None) -> PETSc.Mat:

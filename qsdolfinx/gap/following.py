@@ -110,6 +110,21 @@ class MovingFunctions(typing.NamedTuple):
     mixed: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
 
 
+class Destination(typing.NamedTuple):
+    """Where derivatives of forces go.
+
+    Attributes:
+        sums: What is added to the matrix by all unknowns of the equations.
+        numbers: Functions of global unknowns of the slave's body, and of the master's unless that
+            is a tool, that give their numbers among all; −1 stays.
+        scale: Displacement per unknown of both bodies.
+    """
+
+    sums: _cpp.RowSums
+    numbers: typing.Sequence[typing.Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]]]
+    scale: tuple[float, float]
+
+
 class Cutter(typing.Protocol):
     """Finds what is opposite to what, and gaps.
 
@@ -166,20 +181,18 @@ class Cutter(typing.Protocol):
         pressure: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
 
-        To the blocks (ss, sm, ms, mm). Collective.
+        Collective.
 
         Args:
             found: What has been found there.
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
-            blocks: The matrices.
-            scale: Displacement per unknown of both bodies.
+            to: Where to.
         """
 
     def moving_functions(
@@ -238,8 +251,7 @@ class Cutter(typing.Protocol):
         traction: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """Add how the forces of tractions τ_p change with these held. Collective.
 
@@ -248,8 +260,7 @@ class Cutter(typing.Protocol):
             traction: τ_p, (rows, gdim).
             moves: Whether points move on their facets.
             markers: As for :meth:`add_curvature_of_points`.
-            blocks: Likewise.
-            scale: Likewise.
+            to: Where to.
         """
 
     def points(self, found: Found) -> tuple[Array, Array]:
@@ -448,8 +459,7 @@ class Following:
         last: Cut,
         traction: Array,
         moves: bool,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """Add how the forces of tractions τ_p change with these held. Collective.
 
@@ -457,13 +467,10 @@ class Following:
             last: The last evaluation.
             traction: τ_p, (rows, gdim).
             moves: Whether points move on their facets.
-            blocks: The matrices (ss, sm, ms, mm).
-            scale: Displacement per unknown of both bodies.
+            to: Where to.
         """
         assert self._marked is not None
-        self._cutter.add_slip_curvature_of_points(
-            last.found, traction, moves, self._marked, blocks, scale
-        )
+        self._cutter.add_slip_curvature_of_points(last.found, traction, moves, self._marked, to)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -538,24 +545,20 @@ class Following:
         last: Cut,
         pressure: Array,
         moves: bool,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
 
-        To the blocks (ss, sm, ms, mm). Collective.
+        Collective.
 
         Args:
             last: The last evaluation.
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
-            blocks: The matrices.
-            scale: Displacement per unknown of both bodies.
+            to: Where to.
         """
         assert self._marked is not None
-        self._cutter.add_curvature_of_points(
-            last.found, pressure, moves, self._marked, blocks, scale
-        )
+        self._cutter.add_curvature_of_points(last.found, pressure, moves, self._marked, to)
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
         """New vector of values of the sides of owned nodes. Collective."""

@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import (
     MOST_TURNED,
     Alone,
+    Destination,
     Found,
     MovingFunctions,
     Places,
@@ -346,19 +347,17 @@ class ShapePoints:
         traction: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """See :class:`Cutter`: points are fixed; tractions stay in the planes of the tool."""
-        at, block = found.of_cutter, blocks[0]
-        assert block is not None
+        at = found.of_cutter
         tau = self._at_points(at, traction)
         some = np.flatnonzero(np.any(tau != 0, axis=(1, 2)))
         w, tau, n = at.weight[some], tau[some], at.normal[some][..., : self._slave.gdim]
         turned = np.einsum("fpa,fpac->fpc", tau, self._bent(at, some))
         H = -np.einsum("fp,pi,fpa,pj,fpc->fiajc", w, self._T, n, self._T, turned)
         H += np.einsum("fp,pi,fpa,fpjc->fiajc", w, self._T, tau, self._growth(at, some))
-        self._insert(block, self._free(markers, some), scale[0] * H)
+        self._insert(to, self._free(markers, some), H)
 
     def _at_points(self, points: Points, values: Array) -> Array:
         """Values of rows at all points, 0 of those that have none, (facets, points, …)."""
@@ -386,12 +385,11 @@ class ShapePoints:
         return np.where(held, -1, self._slave.trace_dofs[0][some]).astype(PETSc.IntType)
 
     @staticmethod
-    def _insert(block: PETSc.Mat, dofs: npt.NDArray[np.int32], H: Array) -> None:
+    def _insert(to: Destination, dofs: npt.NDArray[np.int32], H: Array) -> None:
         """Add matrices of facets, (facets, nodes, gdim, nodes, gdim)."""
-        for of_facet, values in zip(dofs, H, strict=True):
-            at = of_facet.ravel()
-            square = values.reshape(len(at), len(at))
-            block.setValues(at, at, square, PETSc.InsertMode.ADD_VALUES)
+        width = int(np.prod(dofs.shape[1:]))
+        numbers = to.numbers[0](dofs.reshape(-1, width).astype(np.int64))
+        to.sums.add_squares(numbers, to.scale[0] * H)
 
     def slip_beside(
         self,
@@ -425,18 +423,16 @@ class ShapePoints:
         pressure: Array,
         moves: bool,
         markers: Vecs,
-        blocks: typing.Sequence[PETSc.Mat | None],
-        scale: tuple[float, float],
+        to: Destination,
     ) -> None:
         """See :class:`Cutter`; points are fixed."""
-        at, block = found.of_cutter, blocks[0]
-        assert block is not None
+        at = found.of_cutter
         force = at.weight * self._at_points(at, pressure)
         some = np.flatnonzero(np.any(force != 0, axis=1))
         force, n = -force[some], at.normal[some][..., : self._slave.gdim]
         H = np.einsum("fp,pi,pj,fpab->fiajb", force, self._T, self._T, self._bent(at, some))
         H += np.einsum("fp,pi,fpa,fpjb->fiajb", force, self._T, n, self._growth(at, some))
-        self._insert(block, self._free(markers, some), scale[0] * H)
+        self._insert(to, self._free(markers, some), H)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

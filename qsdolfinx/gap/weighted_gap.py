@@ -18,6 +18,7 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import (
     Cut,
+    Destination,
     Following,
     MovingFunctions,
     Places,
@@ -438,19 +439,18 @@ class WeightedGap:
         self,
         traction: Array,
         moves: bool,
-        blocks: typing.Sequence[PETSc.Mat | None],
+        to: Destination,
     ) -> None:
         """Add how forces of friction τ, (rows, gdim), change with τ held. Collective.
 
         Args:
             traction: τ.
             moves: Whether points move on their facets.
-            blocks: The matrices (ss, sm, ms, mm).
+            to: Where to.
         """
         if self.following is None or self.cut is None:
             return
-        forces, scale = self._share * traction, self.state.scale
-        self.following.add_slip_curvature_of_points(self.cut, forces, moves, blocks, scale)
+        self.following.add_slip_curvature_of_points(self.cut, self._share * traction, moves, to)
 
     def set_offset(self, u: Vecs) -> None:
         """Set displacements on top of those of the unknowns. Collective."""
@@ -476,21 +476,16 @@ class WeightedGap:
         if self.following is not None:
             self.following.constrain(slave, master)
 
-    def add_curvature_of_points(
-        self, pressure: Array, moves: bool, blocks: typing.Sequence[PETSc.Mat | None]
-    ) -> None:
-        """Add how Σ_p w_p p_p ∂g_p changes with p_p held, of gaps that follow.
-
-        To the blocks (ss, sm, ms, mm). Collective.
+    def add_curvature_of_points(self, pressure: Array, moves: bool, to: Destination) -> None:
+        """Add how Σ_p w_p p_p ∂g_p changes with p_p held, of gaps that follow. Collective.
 
         Args:
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
-            blocks: The matrices.
+            to: Where to.
         """
         assert self.following is not None and self.cut is not None
-        force, scale = self._share * pressure, self.state.scale
-        self.following.add_curvature_of_points(self.cut, force, moves, blocks, scale)
+        self.following.add_curvature_of_points(self.cut, self._share * pressure, moves, to)
 
     def moving_functions(
         self,

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import typing
-
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +12,7 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import MovingFunctions
+from qsdolfinx.gap.following import Destination, MovingFunctions
 from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -361,15 +358,12 @@ class PointConstraints(CondensedRows):
             return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
-    def add_curvature(self, at: Normal, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add how forces change with p_p held, of gaps that follow, to the blocks (ss, sm, ms, mm).
-
-        Collective.
-        """
+    def add_curvature(self, at: Normal, to: Destination) -> None:
+        """Add how forces change with p_p held, of gaps that follow. Collective."""
         found = at.pressure[:, 0]
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
-        self.gap.add_curvature_of_points(found, self.moves, blocks)
+        self.gap.add_curvature_of_points(found, self.moves, to)
 
     def moving(self, at: Normal) -> MovingFunctions | None:
         """How λ_h moves along facets, of gaps that follow; None if it does not. Collective.
@@ -383,7 +377,7 @@ class PointConstraints(CondensedRows):
         if known is None or known[0] is not at.pressure:
             change = at.pressure - self.at_points(at.multiplier)
             rest = np.asarray(self.part / self.gamma * change[:, 0])
-            found = self.gap.moving_functions(self.on_sides(at.multiplier), rest, not self.far)
+            found = self.gap.moving_functions(self.on_sides(at.multiplier), rest, self.moves)
             self._moving = known = at.pressure, found
         return known[1]
 

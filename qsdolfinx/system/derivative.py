@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import MovingFunctions
+from qsdolfinx.gap.following import Destination, MovingFunctions
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
@@ -34,8 +34,9 @@ Indices = npt.NDArray[np.int64]
 #: back: they make matrices regular where conditions leave bodies a rigid motion.
 REGULAR = 1e-11
 
-#: What rows of a pass add that make forces themselves, where they were evaluated.
-Product = tuple[GapMatrices, Normal, Tangential | None]
+#: What rows of a pass add that make forces themselves: derivatives, whose pattern stays while they
+#: do, and what adds them.
+Product = tuple[GapMatrices, typing.Callable[[_cpp.RowSums], None]]
 
 
 def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
@@ -109,7 +110,7 @@ class Derivative:
 
     def _beside(self, at: State, exact: bool) -> tuple[list[Entries], list[Product]]:
         """Its entries, and products at rows that have more. Collective."""
-        found, products = [*self._curvature(at), *self._of_conductances()], []
+        found, products = [*self._of_couplings(), *self._of_conductances()], []
         if self._tools.are_turning:
             turned = self._tools.turned(at)
             own = np.arange(self._layout.ends[-2], self._layout.ends[-1]) + self._layout.start
@@ -120,7 +121,7 @@ class Derivative:
             if rows.condensed is not None:
                 of_friction = None if rows.condensed_friction is None else e.tangential
                 matrices = self._matrices(p, rows.condensed, own, e.normal, of_friction)
-                products.append((matrices, e.normal, of_friction))
+                products.append((matrices, functools.partial(self._add_products, p, e, matrices)))
                 found += [*matrices.mixed, *self._softened(rows, first, e, exact)]
             else:
                 assert rows.nodal is not None
@@ -129,6 +130,15 @@ class Derivative:
                 by = rows.nodal_friction.derivative(e.tangential, exact)
                 found += self._of_slip(p, e, by, own, first + len(own))
         return found, products
+
+    def _add_products(
+        self, p: Pass, at: Evaluated, matrices: GapMatrices, sums: _cpp.RowSums
+    ) -> None:
+        """Add what rows of a pass add that make forces themselves. Collective."""
+        of_friction = None if p.rows.condensed_friction is None else at.tangential
+        matrices.add_to(sums, at.normal, of_friction)
+        if p.gap.following is not None:
+            self._add_curvature(p, at, sums)
 
     def _softened(
         self, rows: ConstraintRows, first: int, at: Evaluated, exact: bool
@@ -201,47 +211,42 @@ class Derivative:
         keep = values != 0
         return [Entries(rows[keep], rows[keep], values[keep])]
 
-    def _curvature(self, at: State) -> list[Entries]:
-        """Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective."""
-        found = []
-        for (i, j), mat in self._curvatures(at).items():
-            found.append(self._of_matrix(mat, i, j))
-            mat.destroy()
-        return found
-
-    def _curvatures(self, at: State) -> dict[tuple[int, int], PETSc.Mat]:
-        """The same as new AIJ matrices for pairs of bodies; none without such gaps. Collective.
-
-        And what conductances add as they change.
-        """
-        bodies = self._system.bodies
-        blocks: dict[tuple[int, int], PETSc.Mat] = {}
-
-        def given(s: int, m: int | None) -> list[PETSc.Mat | None]:
-            of = [(s, s), (s, m), (m, s), (m, m)]
+    def _of_couplings(self) -> list[Entries]:
+        """What conductances add as they change. Collective."""
+        bodies, blocks = self._system.bodies, dict[tuple[int, int], PETSc.Mat]()
+        for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
+            if contact.coupling is None:
+                continue
+            of = [(i, j) for i in sides for j in sides]
             for i, j in of:
                 if i is not None and j is not None and (i, j) not in blocks:
                     blocks[i, j] = _any_entries(
                         bodies[i].num_owned, bodies[j].num_owned, self._system.comm
                     )
-            return [blocks.get((i, j)) for i, j in of]  # type: ignore[arg-type]
-
-        for p, e in zip(self._passes, at.passes, strict=True):
-            if p.gap.following is None:
-                continue
-            s, m = p.bodies
-            assert s is not None
-            assert isinstance(p.rows.condensed, PointConstraints)
-            p.rows.condensed.add_curvature(e.normal, given(s, m))
-            if p.slip is not None and e.tangential is not None:
-                p.gap.add_slip_curvature(e.tangential.traction, p.rows.condensed.moves, given(s, m))
-        for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
-            if contact.coupling is not None:
-                ss, sm, ms, mm = given(*sides)
-                contact.coupling.add_to((ss, sm, ms, mm), False)
-        for mat in blocks.values():
+            ss, sm, ms, mm = (blocks.get(at) for at in of)  # type: ignore[arg-type]
+            contact.coupling.add_to((ss, sm, ms, mm), False)
+        found = []
+        for (i, j), mat in blocks.items():
             mat.assemble()
-        return blocks
+            found.append(self._of_matrix(mat, i, j))
+            mat.destroy()
+        return found
+
+    def _add_curvature(self, p: Pass, at: Evaluated, sums: _cpp.RowSums) -> None:
+        """Add Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective.
+
+        Args:
+            p: The pass.
+            at: Its last evaluation.
+            sums: What is added to the matrix by all unknowns.
+        """
+        assert isinstance(p.rows.condensed, PointConstraints)
+        bodies = [i for i in p.bodies if i is not None]
+        numbers = [functools.partial(self._layout.numbers, i) for i in bodies]
+        to = Destination(sums, numbers, p.gap.state.scale)
+        p.rows.condensed.add_curvature(at.normal, to)
+        if p.slip is not None and at.tangential is not None:
+            p.gap.add_slip_curvature(at.tangential.traction, p.rows.condensed.moves, to)
 
     def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
         """Of G or J with its rows from a number on; by displacements or by the unknowns."""
@@ -398,7 +403,7 @@ class Derivative:
         found, friction = rows.moving(at), p.rows.condensed_friction
         out = [] if found is None else [(0, self._moved(p, found))]
         if friction is not None and tangential is not None:
-            of_slips = friction.moving(tangential, not rows.far) or []
+            of_slips = friction.moving(tangential, rows.moves) or []
             out += [(1 + k, self._moved(p, of)) for k, of in enumerate(of_slips)]
         return out
 
@@ -543,7 +548,7 @@ class _Added:
         """Take these, some perhaps of rows of other ranks. Collective."""
         row, column, value = joined(found)
         places = _digest(row, column)
-        made = [of for of, _, _ in products]
+        made = [of for of, _ in products]
         same = [id(of) for of in made] == [id(of) for of in self._made]
         if self._matrix is not None and self._comm.allreduce(
             same and places == self._places, op=MPI.LAND
@@ -553,9 +558,11 @@ class _Added:
             self.destroy()
             self._matrix = _any_entries(self._size, self._size, self._comm)
             self._places, self._made = places, made
-        _cpp.add_entries(self._matrix.handle, row, column, value)
-        for of, normal, tangential in products:
-            of.add_to(self._matrix, normal, tangential)
+        sums = _cpp.RowSums(self._matrix.handle)
+        sums.add_entries(row, column, value)
+        for _, add in products:
+            add(sums)
+        sums.insert()
         self._matrix.assemble()
         return self._matrix
 

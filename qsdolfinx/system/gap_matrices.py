@@ -126,14 +126,11 @@ class GapMatrices:
         in_rows = [(k, of.rows) for k, of in moving]
         of_slips = [] if friction is None else self._of_slips(friction, numbers[1])
         elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
-        #: N E of λ and τ, and that without how functions move; None without multipliers.
-        self._all = self._all_left = None
-        if of_nodes or of_slips:
-            self._all = self._all_left = self._sum([*of_nodes, *of_slips], [])
-            if in_rows:
-                self._all = self._sum([*of_nodes, *of_slips], in_rows)
+        #: Whether there are multipliers at points.
+        self._has = bool(of_nodes or of_slips)
+        #: Rows of a point: B, then those of N E if there are multipliers.
         self._right = self._stacked(gaps[1], slips, (of_nodes, of_slips), in_rows, 1 - elastic)
-        #: B of what forces work on, the same object if that is B.
+        #: The same of what forces work on, and functions stay; the same object if all is.
         self._left = self._right
         differ = gaps[0] is not gaps[1] or (slips is not None and slips[0] is not slips[1])
         scaled = gaps[0].are_scaled or (slips is not None and slips[1].are_scaled)
@@ -150,24 +147,10 @@ class GapMatrices:
             self._functions.scale(self._part)
         return self._functions
 
-    def _new_rows(self) -> _cpp.StackedRows:
-        """Rows without entries, 1 + gdim for each point with friction."""
-        if self._friction is None:
-            return _cpp.StackedRows(self._rows.gap.num_rows, self._width)
-        return _cpp.StackedRows(self._rows.gap.num_rows, 1 + self._friction.free.shape[2])
-
-    def _sum(
-        self,
-        functions: list[tuple[int, _cpp.CompressedRows]],
-        moving: list[tuple[int, Gaps]],
-    ) -> _cpp.StackedRows:
-        """N, and how it moves."""
-        out = self._new_rows()
-        for component, part in functions:
-            out.add_rows(part, 1.0, component, 1)
-        for component, gaps in moving:
-            gaps.add_to(out, 1.0, first=component)
-        return out
+    @property
+    def _num_of_b(self) -> int:
+        """Rows of a point in B, 1 + gdim with friction."""
+        return self._width if self._friction is None else 1 + int(self._friction.free.shape[2])
 
     def _stacked(
         self,
@@ -178,16 +161,20 @@ class GapMatrices:
         of_slips: float,
         scaled: bool = True,
     ) -> _cpp.StackedRows:
-        """B; N_t times a factor."""
-        out, friction = self._new_rows(), self._friction
+        """B, N_t times a factor, and N E where there are multipliers."""
+        num, friction = self._num_of_b, self._friction
+        out = _cpp.StackedRows(self._rows.gap.num_rows, (1 + self._has) * num)
         gaps.add_to(out, self._rows.gamma, scaled)
         if slips is not None and friction is not None:
             slips[1].add_to(out, friction.gamma, scaled, 1)
         for parts, factor in zip(functions, (self._part, of_slips), strict=True):
             for component, part in parts:
                 out.add_rows(part, factor, component, 1)
+                out.add_rows(part, 1.0, num + component, 1)
         for component, of in moving:
             of.add_to(out, of_slips if component else self._part, first=component)
+            if self._has:
+                of.add_to(out, 1.0, first=num + component)
         return out
 
     def _of_moving(
@@ -285,26 +272,27 @@ class GapMatrices:
         row = np.repeat(np.arange(rows.gap.num_rows, dtype=np.int64), np.diff(offset))
         return Entries(row, unknowns, values).matrix(rows.gap.num_rows, num_sides, self._comm)
 
-    def add_to(self, matrix: PETSc.Mat, at: Normal, tangential: Tangential | None) -> None:
+    def add_to(self, sums: _cpp.RowSums, at: Normal, tangential: Tangential | None) -> None:
         """Add the derivative of the forces, and of R_λ and R_τ, but for :attr:`mixed`.
 
         Args:
-            matrix: By all unknowns of the equations; it is not assembled.
+            sums: What is added to the matrix by all unknowns of the equations.
             at: The rows.
             tangential: Friction at these points; None without.
         """
         rows, friction = self._rows, self._friction
-        weight = rows.gap.weight[:, None] / rows.gamma
-        D = weight / rows.gamma * rows.stiffness(at)
-        if friction is not None and tangential is not None:
+        num, weight = self._num_of_b, rows.gap.weight[:, None]
+        D = weight / rows.gamma**2 * rows.stiffness(at)
+        if friction is None or tangential is None:
+            D = np.broadcast_to(D, (len(weight), num))
+        else:
             D = self._with_friction(friction, at, tangential, D[:, 0])
-        _cpp.add_products(matrix.handle, self._left, self._right, np.ascontiguousarray(D))
-        if self._all is not None and self._all_left is not None:
-            own = [np.repeat(-self._part * weight, self._width, axis=1)]
+        if self._has:
+            own = np.repeat(-self._part / rows.gamma * weight, num, axis=1)
             if friction is not None:
-                of_slips = -rows.gap.weight[:, None] / friction.gamma
-                own.append(np.repeat(of_slips, friction.free.shape[2], axis=1))
-            _cpp.add_products(matrix.handle, self._all_left, self._all, np.hstack(own))
+                own[:, 1:] = -weight / friction.gamma
+            D = _beside(D, own)
+        _cpp.add_products(sums, self._left, self._right, np.ascontiguousarray(D))
 
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array
@@ -330,13 +318,28 @@ class GapMatrices:
 
     def _times(self, factor: Array) -> Entries:
         """B times a factor of each row, numbers in rows being those of this rank."""
-        found = Entries(*self._right.entries())
-        return found._replace(value=factor[found.row] * found.value)
+        row, column, value = self._right.entries()
+        row, component = np.divmod(row, self._right.components)
+        keep = component < self._num_of_b
+        row = row[keep] * self._num_of_b + component[keep]
+        return Entries(row, column[keep], factor[row] * value[keep])
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
         if self._functions is not None:
             self._functions.destroy()
+
+
+def _beside(D: Array, own: Array) -> Array:
+    """Numbers of rows, or matrices of points, with those of as many rows more beside them."""
+    if D.ndim == 2:
+        return np.hstack([D, own])
+    num = own.shape[1]
+    out = np.zeros((len(D), 2 * num, 2 * num))
+    out[:, :num, :num] = D
+    k = np.arange(num)
+    out[:, num + k, num + k] = own
+    return out
 
 
 def _layout(slave: Surface) -> tuple[int, int]:
