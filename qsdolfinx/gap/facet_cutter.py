@@ -30,6 +30,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 #: Slave and master as objects of the extension that are moved by themselves.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
 
@@ -372,9 +373,10 @@ class FacetCutter:
         self._moved_to = places
 
 
-def _numbers(found: Found, markers: Vecs, to: Destination) -> list[npt.NDArray[np.int64]]:
+def _numbers(found: Found, markers: Vecs, to: Destination) -> list[Indices]:
     """Of the pieces' unknowns of both sides, see ``cpp/tangent/curvature.h``. Collective."""
-    pieces, out = found.of_cutter, [np.zeros(0, dtype=np.int64)] * 2
+    pieces, none = found.of_cutter, np.zeros(0, dtype=np.int64)
+    out: list[Indices] = [none, none]
     for i, (numbers, vec) in enumerate(zip(to.numbers, markers, strict=False)):
         assert vec is not None
         out[i] = numbers(np.asarray(_cpp.free_unknowns(pieces, i, vec.handle)))

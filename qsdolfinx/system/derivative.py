@@ -110,7 +110,8 @@ class Derivative:
 
     def _beside(self, at: State, exact: bool) -> tuple[list[Entries], list[Product]]:
         """Its entries, and products at rows that have more. Collective."""
-        found, products = [*self._of_couplings(), *self._of_conductances()], []
+        found = [*self._of_couplings(), *self._of_conductances()]
+        products: list[Product] = []
         if self._tools.are_turning:
             turned = self._tools.turned(at)
             own = np.arange(self._layout.ends[-2], self._layout.ends[-1]) + self._layout.start
