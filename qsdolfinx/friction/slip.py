@@ -18,7 +18,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
 from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are_same
-from qsdolfinx.gap.following import MOST_TURNED, Places, SlipAtPoints
+from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -240,12 +240,8 @@ class Slip:
         start = rows.vectors_from_sides(state.augmented) if elastic > 0 else 0.0
         return np.asarray((1 - elastic) * reached + elastic * start)
 
-    def moving_operator(
-        self, elastic: float, reached: Array, penalty: float
-    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
-        """:attr:`operator` with what points move by on facets, and what τ_h leans by. Collective.
-
-        And what that leaves out, see ``Cutter.slip_beside``.
+    def moving(self, elastic: float, reached: Array, penalty: float) -> Changes:
+        """How slips change with what points move by on facets, and what τ_h leans by. Collective.
 
         Args:
             elastic: As for :meth:`known`.
@@ -253,7 +249,7 @@ class Slip:
             penalty: γ_t: the trial is τ_h + γ_t g.
         """
         if self.state.begun is None or self._normal is None:
-            return self.operator, None
+            return Changes(self.operator)
         flat = self._reached(elastic, reached) / penalty + self._jump
         leaning = np.sum(self._normal * flat, axis=1)
         return self.gap.moving_slip(self.state.begun, leaning)

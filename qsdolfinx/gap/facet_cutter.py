@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import (
     Alone,
+    Changes,
     Destination,
     Found,
     MovingFunctions,
@@ -161,18 +162,19 @@ class FacetCutter:
             far=alone.far,
         )
 
-    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
+    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
         """See :class:`Cutter`."""
         if self.are_own and found.normals is None:
             return None
-        return _cpp.GapOperator(
+        operator = _cpp.GapOperator(
             self._slave, self._master, moving=found.of_cutter, weight=alone.weight
         )
+        return Changes(operator, self._by_normals(found, operator.num_rows, markers))
 
-    def moving_beside(
+    def _by_normals(
         self, found: Found, num_rows: int, markers: Vecs
     ) -> tuple[int, PETSc.Mat] | None:
-        """See :class:`Cutter`."""
+        """How gaps change as normals at nodes turn with all facets there. Collective."""
         if found.normals is None:
             return None
         side, comm = self._finder.raised, self._surfaces[0].comm
@@ -314,10 +316,10 @@ class FacetCutter:
         return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, slips)
 
     def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
-    ) -> _cpp.GapOperator:
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
+    ) -> Changes:
         """See :class:`Cutter`."""
-        return _cpp.GapOperator(
+        operator = _cpp.GapOperator(
             self._slave,
             self._master,
             found.of_cutter,
@@ -325,17 +327,7 @@ class FacetCutter:
             leaning=np.ascontiguousarray(leaning),
             weight=alone.weight,
         )
-
-    def slip_beside(
-        self,
-        found: Found,
-        slip: SlipAtPoints,
-        leaning: Array,
-        num_rows: int,
-        markers: Vecs,
-    ) -> tuple[int, PETSc.Mat] | None:
-        """See :class:`Cutter`: nothing is left out."""
-        return None
+        return Changes(operator)
 
     def add_slip_curvature_of_points(
         self,

@@ -96,6 +96,19 @@ class SlipAtPoints(typing.NamedTuple):
     of_cutter: typing.Any = None
 
 
+class Changes(typing.NamedTuple):
+    """Derivative of gaps or slips at points that move on their facets, with heights that change.
+
+    Attributes:
+        operator: By the nodes of the facets there.
+        beside: By other nodes, as normals at nodes turn with all facets there: 0 for the slave's
+            body or 1 for the master's, and rows by its unknowns; None if there is nothing.
+    """
+
+    operator: _cpp.GapOperator
+    beside: tuple[int, PETSc.Mat] | None = None
+
+
 class MovingFunctions(typing.NamedTuple):
     """How functions of the slave's nodes move along its facets at the last evaluation.
 
@@ -154,22 +167,13 @@ class Cutter(typing.Protocol):
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Derivative of the gaps of these points, which are its rows. Collective."""
 
-    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
-        """The same with what points and heights move by; None if they do not. Collective."""
-
-    def moving_beside(
-        self, found: Found, num_rows: int, markers: Vecs
-    ) -> tuple[int, PETSc.Mat] | None:
-        """What :meth:`moving_gaps` leaves out, as normals of nodes turn with all facets there.
+    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
+        """The same with what points and heights move by; None if they do not. Collective.
 
         Args:
             found: What has been found there.
-            num_rows: Rows on this rank, points first.
+            alone: Points that see one side of a node each.
             markers: As for :meth:`add_curvature_of_points`.
-
-        Returns:
-            0 for the slave's body or 1 for the master's, and rows by its unknowns; None if there
-            is nothing. Collective.
         """
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -224,26 +228,17 @@ class Cutter(typing.Protocol):
         """Slip at these points since everything was at the start. Collective."""
 
     def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
-    ) -> _cpp.GapOperator:
-        """Derivative of the slip with what points move by, and −l_p δn. Collective.
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
+    ) -> Changes:
+        """Derivative of the slip, rows for each component, and −l_p δn. Collective.
 
         Args:
             found: What has been found there.
             slip: The slip there.
             alone: Points that see one side of a node each.
             leaning: l_p (length), (rows,).
+            markers: As for :meth:`add_curvature_of_points`.
         """
-
-    def slip_beside(
-        self,
-        found: Found,
-        slip: SlipAtPoints,
-        leaning: Array,
-        num_rows: int,
-        markers: Vecs,
-    ) -> tuple[int, PETSc.Mat] | None:
-        """What :meth:`moving_slip` leaves out, as :meth:`moving_beside`; a row a component."""
 
     def add_slip_curvature_of_points(
         self,
@@ -332,7 +327,6 @@ class Following:
         self.pair()
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
-        self._moving: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
         #: Sides of owned nodes whose multipliers neighbours carry, (nodes, block); None for none.
@@ -440,19 +434,12 @@ class Following:
         assert self._slip is not None
         return self._slip[2]
 
-    def moving_slip(
-        self, last: Cut, slip: SlipAtPoints, leaning: Array
-    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
-        """Derivative of that slip with what points move by, and what that leaves out. Collective.
-
-        See :class:`Cutter`.
-        """
+    def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> Changes:
+        """Derivative of that slip with what points move by, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        out = self._cutter.moving_slip(last.found, slip, last.alone, leaning)
-        self._constrain(out)
-        num_rows = last.operator.num_rows
-        rest = self._cutter.slip_beside(last.found, slip, leaning, num_rows, self._marked)
-        return out, rest
+        out = self._cutter.moving_slip(last.found, slip, last.alone, leaning, self._marked)
+        self._constrain(out.operator)
+        return out
 
     def add_slip_curvature_of_points(
         self,
@@ -480,9 +467,8 @@ class Following:
         self._marked = slave.copy(), None if master is None else master.copy()
         if self._last is not None:
             self._constrain(self._last.operator)
-        for known in (self._jump, self._moving):
-            if known is not None:
-                self._constrain(known[1])
+        if self._jump is not None:
+            self._constrain(self._jump[1])
         if self._slip is not None:
             for operator in (self._slip[2].operator, self._slip[2].works):
                 self._constrain(operator)
@@ -501,21 +487,14 @@ class Following:
             self._jump = last, out
         return self._jump[1]
 
-    def moving_gaps(self, last: Cut) -> _cpp.GapOperator:
+    def moving_gaps(self, last: Cut) -> Changes:
         """Derivative of the gaps with what points move by on their facets. Collective."""
-        if self._moving is None or self._moving[0] is not last:
-            out = self._cutter.moving_gaps(last.found, last.alone)
-            if out is None:
-                return last.operator
-            self._constrain(out)
-            self._moving = last, out
-        return self._moving[1]
-
-    def moving_beside(self, last: Cut) -> tuple[int, PETSc.Mat] | None:
-        """What that leaves out, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        num_rows = last.operator.num_rows
-        return self._cutter.moving_beside(last.found, num_rows, self._marked)
+        out = self._cutter.moving_gaps(last.found, last.alone, self._marked)
+        if out is None:
+            return Changes(last.operator)
+        self._constrain(out.operator)
+        return out
 
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive when open."""

@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import (
     MOST_TURNED,
     Alone,
+    Changes,
     Destination,
     Found,
     MovingFunctions,
@@ -236,14 +237,8 @@ class ShapePoints:
         points = self._paired(found, alone)
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
 
-    def moving_gaps(self, found: Found, alone: Alone) -> _cpp.GapOperator | None:
+    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
         """See :class:`Cutter`: points are fixed."""
-        return None
-
-    def moving_beside(
-        self, found: Found, num_rows: int, markers: Vecs
-    ) -> tuple[int, PETSc.Mat] | None:
-        """See :class:`Cutter`: nothing is left out."""
         return None
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -336,10 +331,10 @@ class ShapePoints:
         return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap, along)
 
     def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array
-    ) -> _cpp.GapOperator:
-        """See :class:`Cutter`: points are fixed."""
-        return slip.operator
+        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
+    ) -> Changes:
+        """See :class:`Cutter`: places on the tool, and planes there, move with the points."""
+        return Changes(slip.operator, self._by_nodes(found, slip, leaning, markers))
 
     def add_slip_curvature_of_points(
         self,
@@ -391,17 +386,17 @@ class ShapePoints:
         numbers = to.numbers[0](dofs.reshape(-1, width).astype(np.int64))
         to.sums.add_squares(numbers, to.scale[0] * H)
 
-    def slip_beside(
+    def _by_nodes(
         self,
         found: Found,
         slip: SlipAtPoints,
         leaning: Array,
-        num_rows: int,
         markers: Vecs,
-    ) -> tuple[int, PETSc.Mat] | None:
-        """See :class:`Cutter`: places on the tool, and planes there, move with the points."""
+    ) -> tuple[int, PETSc.Mat]:
+        """How slips change as planes of the tool turn where points move; a row a component."""
         at, gdim, comm = found.of_cutter, self._slave.gdim, self._slave.comm
-        rows = PETSc.Vec().createMPI((num_rows * gdim, PETSc.DETERMINE), comm=comm)
+        num_rows = slip.operator.num_rows * gdim
+        rows = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
         kept, some = at.weight > 0, np.arange(len(at.weight))
         factor = self._at_points(at, leaning - slip.of_cutter) - at.distance
         value = np.einsum("fp,pj,fprc->fprjc", factor, self._T, self._bent(at, some))[kept]

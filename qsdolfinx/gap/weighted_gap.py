@@ -17,6 +17,7 @@ from qsdolfinx.base.checks import require
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import (
+    Changes,
     Cut,
     Destination,
     Following,
@@ -511,13 +512,8 @@ class WeightedGap:
             self.cut, of_sides, self._share * rest, moves, turning
         )
 
-    def moving_slip(
-        self, start: Places, leaning: Array
-    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
-        """Derivative of the slip since then with what points move by, and −l_p δn. Collective.
-
-        And what that leaves out, see ``Cutter.slip_beside``.
-        """
+    def moving_slip(self, start: Places, leaning: Array) -> Changes:
+        """Derivative of the slip since then with what points move by, and −l_p δn. Collective."""
         assert self.following is not None and self.cut is not None
         slip = self.following.slip_at_points(self.cut, start)
         return self.following.moving_slip(self.cut, slip, leaning)
@@ -532,17 +528,11 @@ class WeightedGap:
         self.state.allowance = allowance
         self.state.values = self.state.values + (before - self.allowance)[:, None]
 
-    def moving_operator(self) -> _cpp.GapOperator:
-        """The operator, of gaps that follow with what points move by on facets. Collective."""
+    def moving_gaps(self) -> Changes:
+        """How gaps change, those that follow with what points move by on facets. Collective."""
         if self.following is None or self.cut is None:
-            return self.operator
+            return Changes(self.operator)
         return self.following.moving_gaps(self.cut)
-
-    def moving_beside(self) -> tuple[int, PETSc.Mat] | None:
-        """What :meth:`moving_operator` leaves out, see ``Cutter.moving_beside``. Collective."""
-        if self.following is None or self.cut is None:
-            return None
-        return self.following.moving_beside(self.cut)
 
     def change(self, field: Affine, operator: _cpp.GapOperator | None = None) -> Array:
         """How ḡ changes when a rigid tool is displaced by this field. Collective.

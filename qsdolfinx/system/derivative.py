@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import Destination, MovingFunctions
+from qsdolfinx.gap.following import Changes, Destination, MovingFunctions
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
@@ -358,11 +358,11 @@ class Derivative:
         works = self._gaps(p, p.gap.operator, self._tools.changes(p)[0] if tool else None)
         if rows.far or p.gap.following is None:
             return works, works
-        moving = p.gap.moving_operator()
+        moving, beside = p.gap.moving_gaps()
         if moving is p.gap.operator:
             return works, works
         change = self._gaps(p, moving, self._tools.moved_gaps(p, moving) if tool else None)
-        return works, change._replace(beside=self._left_out(p, p.gap.moving_beside()))
+        return works, change._replace(beside=self._beside_facets(p, beside))
 
     def _slips_of(
         self,
@@ -375,16 +375,18 @@ class Derivative:
         slip, by_tool = p.slip, None if p.tool is None else self._tools.changes(p)[1]
         if slip is None:
             return None
-        operator, beside = slip.operator, None
+        operator, beside = Changes(slip.operator)
         if not rows.far and p.gap.following is not None and tangential is not None:
-            operator, beside = friction.moving_operator(tangential)
-        change = self._gaps(p, operator, by_tool)._replace(beside=self._left_out(p, beside))
+            operator, beside = friction.moving_slip(tangential)
+        change = self._gaps(p, operator, by_tool)._replace(beside=self._beside_facets(p, beside))
         if slip.works is operator and beside is None:
             return change, change
         return self._gaps(p, slip.works, by_tool), change
 
-    def _left_out(self, p: Pass, found: tuple[int, PETSc.Mat] | None) -> _cpp.CompressedRows | None:
-        """What operators of gaps and slips leave out, in numbers of all unknowns. Collective."""
+    def _beside_facets(
+        self, p: Pass, found: tuple[int, PETSc.Mat] | None
+    ) -> _cpp.CompressedRows | None:
+        """``Changes.beside`` in numbers of all unknowns. Collective."""
         if found is None:
             return None
         body = p.bodies[found[0]]

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
-import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import MovingFunctions
+from qsdolfinx.gap.following import Changes, MovingFunctions
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
 from qsdolfinx.system.friction_rows import Tangential
@@ -288,14 +286,9 @@ class PointFriction:
         ]
         return None if None in found else [one for one in found if one is not None]
 
-    def moving_operator(
-        self, at: Tangential
-    ) -> tuple[_cpp.GapOperator, tuple[int, PETSc.Mat] | None]:
-        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective.
-
-        And what that leaves out, see ``Cutter.slip_beside``.
-        """
-        return self.slip.moving_operator(self.elastic, self.seen(at.multiplier), self.gamma)
+    def moving_slip(self, at: Tangential) -> Changes:
+        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective."""
+        return self.slip.moving(self.elastic, self.seen(at.multiplier), self.gamma)
 
     def softened(self) -> Array:
         """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
