@@ -18,7 +18,8 @@ project = "qsdolfinx"
 author = "The qsdolfinx developers"
 copyright = "The qsdolfinx developers"
 version = release = qsdolfinx.__version__
-extensions = ["katex", "subscripts", "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["katex", "subscripts", "myst_parser", "sphinx.ext.autodoc"]
+extensions += ["sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 smartquotes = False  # of --option it would make –option
 
 myst_heading_anchors = 3
@@ -36,7 +37,14 @@ autodoc_type_aliases = {
     "npt.ArrayLike": "ArrayLike",
     "npt.NDArray": "NDArray",
 }
-autodoc_default_options = {"members": True, "inherited-members": True}
+autodoc_default_options = {
+    "members": True,
+    # All that is inherited, but from these.
+    "inherited-members": "object, tuple, int, Enum, IntEnum, BaseException, Law, Friction, Smooth",
+}
+maximum_signature_line_length = 88
+autosummary_generate = True
+templates_path = ["templates"]
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
@@ -88,8 +96,14 @@ class Demo(SphinxDirective):
         return [*text, name, code]
 
 
+def skip_fields(app, what, name, obj, skip, options):
+    """Leave out fields of named tuples, which the text of the class lists."""
+    return True if type(obj).__name__ == "_tuplegetter" else None
+
+
 def setup(app):
     """Register what is above."""
     GoogleDocstring._parse = parse_as_text(GoogleDocstring._parse)
     app.add_directive("demo", Demo)
     app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-skip-member", skip_fields)
