@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import os
 import pathlib
 import shutil
 import subprocess
@@ -34,9 +36,26 @@ HEAD = "MeshVersionFormatted 2\nDimension 3\n"
 SECTIONS = {"Vertices": 4, "Tetrahedra": 5, "Triangles": 4, "Edges": 3}
 
 
+#: The Python package that brings the program along.
+PACKAGE = "mmgpy"
+
+
 def program() -> str | None:
-    """Where MMG's program is; None if it is not installed."""
-    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+    """Path of MMG's program: on the PATH, or in the Python package; None without either.
+
+    The program is called in a process of its own: where MMG crashes, the run goes on.
+    """
+    return next(filter(None, map(shutil.which, PROGRAMS)), None) or _of_package()
+
+
+def _of_package() -> str | None:
+    """The compiled program in ``mmgpy``, of any environment that Python sees."""
+    try:
+        files = importlib.metadata.files(PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    paths = (str(f.locate()) for f in files if f.name in PROGRAMS and f.parts[0] == PACKAGE)
+    return next((path for path in paths if os.access(path, os.X_OK)), None)
 
 
 def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:

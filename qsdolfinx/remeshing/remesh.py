@@ -233,7 +233,9 @@ def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
     names = " or ".join(PROGRAMS)
     there = msh.comm.rank != 0 or program() is not None
     require(
-        there, f'mesher: "mmg" needs {names} on the PATH of rank 0; install MMG, or take "gmsh"'
+        there,
+        f'mesher: "mmg" needs {names} on the PATH of rank 0; install MMG, or take "gmsh"; '
+        "the Python package mmgpy has it, too",
     )
 
 

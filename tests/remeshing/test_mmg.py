@@ -1,6 +1,8 @@
 """MMG as the mesher: what it is given, what is made of what it writes, and how it fails."""
 
+import importlib.metadata
 import os
+import pathlib
 
 import numpy as np
 import pytest
@@ -109,6 +111,7 @@ def test_what_it_cannot_make_is_an_error_on_all_ranks(program, change, said):
 
 def test_where_it_is_not_installed_that_is_said(monkeypatch):
     monkeypatch.setattr(mmg, "PROGRAMS", ("there-is-none",))
+    assert mmg.program() is None
     box = mesh.create_box(WORLD, [[0.0] * 3, [1.0] * 3], [2, 2, 2])
     with pytest.raises(ValueError, match=r"mesher: .* on the PATH of rank 0; install MMG, or take"):
         qs.remesh(box, 0.4, mesher="mmg")
@@ -155,3 +158,27 @@ def test_upsetting_goes_on_as_on_one_mesh():
     case = Upset(3, 5.0, remesh={"every": 3, "mesher": "mmg"})
     assert np.allclose(case.run(), alone, rtol=0.03)
     assert len(case.stepper.remeshings) == 3
+
+
+def test_program_of_the_python_package(tmp_path, monkeypatch):
+    """The compiled program in mmgpy is found without a PATH, its Python script is not taken."""
+
+    class Folder:
+        def __init__(self, path):
+            self.path = path
+
+        def locate(self):
+            return tmp_path / self.path
+
+        name = property(lambda self: self.path.name)
+        parts = property(lambda self: self.path.parts)
+
+    paths = [pathlib.Path(f"{folder}/mmg3d_O3") for folder in ("bin", "mmgpy/bin")]
+    for path in paths:
+        (tmp_path / path).parent.mkdir(parents=True)
+        (tmp_path / path).touch(0o755)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(importlib.metadata, "files", lambda name: [Folder(p) for p in paths])
+    assert mmg.program() == str(tmp_path / paths[1])
+    (tmp_path / paths[1]).chmod(0o644)
+    assert mmg.program() is None
