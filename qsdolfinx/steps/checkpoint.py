@@ -17,6 +17,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
+from qsdolfinx.steps.rendezvous import find
 
 Array = npt.NDArray[np.float64]
 Keys = npt.NDArray[np.int64]
@@ -165,21 +166,27 @@ class Checkpoint:
         Raises:
             OSError: If there is no checkpoint.
         """
-        found: list[tuple[Keys, Array]] = []
         with collective_errors(self._comm):
-            folder, content = self._read()
-            for rank in range(content["ranks"]):
-                with np.load(folder / f"{rank}.npz") as stored:
-                    if f"{name}/keys" not in stored:
-                        return None
-                    known, values = stored[f"{name}/keys"], stored[f"{name}/values"]
-                    _, number = np.unique(
-                        np.concatenate([keys, known]), axis=0, return_inverse=True
-                    )
-                    number = number.ravel()
-                    wanted = np.isin(number[len(keys) :], number[: len(keys)])
-                    found.append((known[wanted], values[wanted]))
-        return np.concatenate([k for k, _ in found]), np.concatenate([v for _, v in found])
+            known, values = self._stored([name])[name]
+        if not self._comm.allreduce(known.shape[1], op=MPI.MAX):
+            return None
+        wanted = np.unique(keys, axis=0)
+        number, found = find(self._comm, *_as_wide(self._comm, known, values), wanted)
+        return wanted[number], found
+
+    def _stored(self, names: typing.Iterable[str]) -> dict[str, tuple[Keys, Array]]:
+        """Keys and values of this rank's share of the files, each of which one rank reads.
+
+        Empty of what is not in them.
+        """
+        folder, content = self._read()
+        parts: dict[str, list[tuple[Keys, Array]]] = {name: [] for name in names}
+        for rank in range(self._comm.rank, content["ranks"], self._comm.size):
+            with np.load(folder / f"{rank}.npz") as file:
+                for name, part in parts.items():
+                    if f"{name}/keys" in file:
+                        part.append((file[f"{name}/keys"], file[f"{name}/values"]))
+        return {name: _joined(part) for name, part in parts.items()}
 
     def load(
         self,
@@ -194,7 +201,7 @@ class Checkpoint:
         """
         identities = _identities(self._comm, functions, meshes)
         with collective_errors(self._comm):
-            folder, content = self._read()
+            _, content = self._read()
             for name, identity in identities.items():
                 if name not in content["of"]:
                     raise ValueError(f"{name}: is not in the checkpoint {self._folder}")
@@ -208,10 +215,11 @@ class Checkpoint:
                 targets[name] = keys, np.full((len(keys), 1), np.nan), _writer(function, dofs)
             for name, (msh, x) in meshes.items():
                 targets[name] = _geometry_keys(msh), np.full_like(x, np.nan), _copier(x)
-            for rank in range(content["ranks"]):
-                with np.load(folder / f"{rank}.npz") as stored:
-                    for name, (keys, found, _) in targets.items():
-                        _pick(stored[f"{name}/keys"], stored[f"{name}/values"], keys, found)
+            stored = self._stored(targets)
+        for name, (keys, found, _) in targets.items():
+            number, values = find(self._comm, *_as_wide(self._comm, *stored[name]), keys)
+            found[number] = values
+        with collective_errors(self._comm):
             for name, (_, found, _) in targets.items():
                 if np.isnan(found).any():
                     raise ValueError(f"{name}: the checkpoint {self._folder} is incomplete")
@@ -233,16 +241,20 @@ def _copier(x: Array) -> typing.Callable[[Array], None]:
     return write
 
 
-def _pick(stored: Keys, values: Array, keys: Keys, found: Array) -> None:
-    """Write the stored values to where their keys are wanted."""
-    if len(stored) == 0 or len(keys) == 0 or stored.shape[1] != keys.shape[1]:
-        return
-    _, number = np.unique(np.vstack([stored, keys]), axis=0, return_inverse=True)
-    number = number.ravel()
-    place = np.full(number.max() + 1, -1)
-    place[number[: len(stored)]] = np.arange(len(stored))
-    at = place[number[len(stored) :]]
-    found[at >= 0] = values[at[at >= 0]]
+def _joined(parts: list[tuple[Keys, Array]]) -> tuple[Keys, Array]:
+    """Keys and values of several files; none, of no columns, of no file."""
+    if not parts:
+        return np.zeros((0, 0), np.int64), np.zeros((0, 0))
+    return np.concatenate([k for k, _ in parts]), np.concatenate([v for _, v in parts])
+
+
+def _as_wide(comm: MPI.Intracomm, known: Keys, values: Array) -> tuple[Keys, Array]:
+    """Give arrays of ranks that have read no file as many columns as others have. Collective."""
+    width = np.array([known.shape[1], values.shape[1]])
+    comm.Allreduce(MPI.IN_PLACE, width, op=MPI.MAX)
+    if len(known) == 0:
+        return np.zeros((0, width[0]), np.int64), np.zeros((0, width[1]))
+    return known, values
 
 
 def _identities(

@@ -1,0 +1,62 @@
+"""Values that ranks have by keys, for ranks that want those of some keys."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Keys = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.int64]
+
+
+def find(comm: MPI.Intracomm, known: Keys, values: Array, wanted: Keys) -> tuple[Indices, Array]:
+    """Find the values of keys that any rank has. Collective.
+
+    Keys meet on a rank that follows from their numbers: each rank holds its share of the keys for a
+    moment, and none holds all of them.
+
+    Args:
+        comm: Communicator of the ranks.
+        known: Keys that this rank has values of, (known, n); a key may come several times, on any
+            ranks.
+        values: Their values, (known, m).
+        wanted: Keys that this rank wants the values of, (wanted, n).
+
+    Returns:
+        For each value that was found: the number of its key in ``wanted``, (found,), and the value,
+        (found, m).
+    """
+    asking = _by_rank(comm, wanted)
+    stored = comm.alltoall([(known[some], values[some]) for some in _by_rank(comm, known)])
+    asked = comm.alltoall([wanted[some] for some in asking])
+    keys, of_keys = (np.concatenate(parts) for parts in zip(*stored, strict=True))
+    matches = [_matches(keys, want) for want in asked]
+    answers = comm.alltoall([(number, of_keys[at]) for number, at in matches])
+    number = [some[of] for some, (of, _) in zip(asking, answers, strict=True)]
+    return np.concatenate(number), np.concatenate([found for _, found in answers])
+
+
+def _by_rank(comm: MPI.Intracomm, keys: Keys) -> list[Indices]:
+    """Numbers of the keys that meet on each rank: a digest of their columns decides."""
+    digest = np.zeros(len(keys), dtype=np.uint64)
+    for column in keys.astype(np.uint64).T:
+        digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
+        digest ^= digest >> np.uint64(29)
+    rank = digest % np.uint64(comm.size)
+    return [np.flatnonzero(rank == r) for r in range(comm.size)]
+
+
+def _matches(keys: Keys, wanted: Keys) -> tuple[Indices, Indices]:
+    """Pairs of equal keys: their numbers in ``wanted``, and in ``keys``, which may repeat."""
+    if len(keys) == 0 or len(wanted) == 0 or keys.shape[1] != wanted.shape[1]:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    _, label = np.unique(np.vstack([keys, wanted]), axis=0, return_inverse=True)
+    mine, asked = np.split(label.ravel(), [len(keys)])
+    order = np.argsort(mine, kind="stable")
+    first = np.searchsorted(mine[order], asked, side="left")
+    count = np.searchsorted(mine[order], asked, side="right") - first
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return np.repeat(np.arange(len(wanted)), count), order[np.repeat(first, count) + within]
