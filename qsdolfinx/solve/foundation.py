@@ -14,9 +14,13 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 
+#: Force (over the size of the loads) that counts as balanced: only a start for Newton's method.
 _TOLERANCE = 1e-3
+#: Newton steps of the rigid motion at most; it has six unknowns a body.
 _MAX_STEPS = 30
+#: Bisections of a step's length: 2^-30 of it is below the tolerance.
 _MAX_BISECTIONS = 30
+#: Doublings of that length until the force changes its sign: 2^60 is further than any scene is wide.
 _MAX_DOUBLINGS = 60
 
 
