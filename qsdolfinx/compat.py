@@ -1,7 +1,7 @@
-"""What differs between DOLFINx 0.9, 0.10 and 0.11.
+"""Functions for the differences between DOLFINx 0.9, 0.10 and 0.11.
 
-All other names of DOLFINx that are used in this project mean the same in the three versions. 0.9
-and 0.11 are tested; for 0.10 this was written from its sources.
+All other names of DOLFINx that this project uses mean the same in the three versions. 0.9 and 0.11
+are tested; the code for 0.10 was written from the sources of DOLFINx.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ def mesh_of_nodes(
     input_global_indices: npt.NDArray[np.int64],
     domain: typing.Any,
 ) -> mesh.Mesh:
-    """A mesh with the topology of another one and its own nodes.
+    """Make a mesh with the topology of a given mesh and its own nodes.
 
-    Arguments are those of ``mesh.create_geometry``, which differs between versions in the kind of
-    element that it takes.
+    Arguments are those of ``mesh.create_geometry``, for which the type of the element differs
+    between versions.
     """
     cell, degree = msh.topology.cell_type, domain.ufl_coordinate_element().degree
     element = fem.coordinate_element(cell, degree)
@@ -51,25 +51,25 @@ def mesh_of_nodes(
 
 
 def num_entity_dofs(V: fem.FunctionSpace, dim: int) -> int:
-    """Unknowns inside one entity of a cell: 0.11 has no ``num_entity_dofs`` any more."""
+    """Number of unknowns inside one entity of a cell, as ``num_entity_dofs`` before 0.11."""
     return len(V.dofmap.dof_layout.entity_dofs(dim, 0))
 
 
 def collapse(V: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]]:
-    """A sub-space as a space of its own, and its unknowns' places in the whole."""
+    """Collapse a sub-space; returns the new space and its unknowns' indices in the parent."""
     space, places = V.collapse()
     # 0.11 has a list of arrays, one for each type of cell.
     return space, np.ravel(places).astype(np.int64)
 
 
 def is_sub_space(V: fem.FunctionSpace) -> bool:
-    """Whether a space is a part of another one."""
+    """Whether a space is a sub-space of another space."""
     place: typing.Any = V.component  # without types
     return bool(place())
 
 
 def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.float64]:
-    """Points of the reference cell at which interpolation evaluates: in 0.9 a method."""
+    """Interpolation points on the reference cell (in 0.9 the attribute is a method)."""
     points: typing.Any = V.element.interpolation_points
     return points() if callable(points) else points
 
@@ -93,9 +93,9 @@ def _strange_cells(model: typing.Any, gdim: int) -> bool:
 def model_to_mesh(
     model: typing.Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3
 ) -> tuple[mesh.Mesh, mesh.MeshTags, mesh.MeshTags]:
-    """Mesh, tags of cells and tags of facets of a gmsh model on one rank.
+    """Make a mesh, tags of cells and tags of facets from a gmsh model on one rank.
 
-    That is ``model_to_mesh`` of ``dolfinx.io.gmshio``, from 0.10 on of ``dolfinx.io.gmsh``.
+    It calls ``model_to_mesh`` of ``dolfinx.io.gmshio``, from 0.10 on of ``dolfinx.io.gmsh``.
 
     Raises:
         ValueError: If there are prisms or pyramids.

@@ -1,10 +1,10 @@
 """Materials as UFL: stresses of elastic and viscoplastic bodies, incompressible flow, and heat.
 
-Units are the user's, as long as they are consistent (stress = force per area; rates per time).
+Use any consistent units (stress = force per area; rates per time).
 
-In 2D the state is plane strain, and tensors are 2 × 2: of what they leave out, strains are zero.
-With ``axisymmetric=True`` the mesh is the half-plane of coordinates (r, z), r ≥ 0, and tensors are
-3 × 3 in the order r, z, θ; integrals are taken around the axis, see ``axisymmetric_weight``.
+In 2D the state is plane strain, and tensors are 2 × 2; the strains out of the plane are zero. With
+``axisymmetric=True`` the mesh is the half-plane of coordinates (r, z), r ≥ 0, and tensors are 3 × 3
+in the order r, z, θ; integrals are taken around the axis, see ``axisymmetric_weight``.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def strain(u: Expression, axisymmetric: bool = False) -> Expression:
 
 
 def axisymmetric_weight(msh: mesh.Mesh) -> Expression:
-    """Circumference 2πr at a point: multiply integrands by it, also those of loads.
+    """Circumference 2πr at a point: the weight of all integrands, including those of loads.
 
     Forces are then those on the whole ring.
     """
@@ -118,8 +118,9 @@ def linear_elastic(
         E: Young's modulus, a stress.
         nu: Poisson's ratio, −1 < ν < ½.
         axisymmetric: Whether the coordinates are (r, z).
-        thermal_strain: ε_T, of a body that is free to expand, the same in all directions and, in
-            plane strain, across the plane as well: α (T − T₀), with T a number or a field.
+        thermal_strain: Thermal strain ε_T = α (T − T₀), with T a number or a field: the strain of a
+            body that can expand freely, equal in all directions (in plane strain also out of the
+            plane).
     """
     _check(POSITIVE, E=E)
     _check(POISSON, nu=nu)
@@ -135,8 +136,8 @@ def neo_hookean_energy(
 ) -> Expression:
     """Energy per reference volume, W = μ/2 (tr(FᵀF) − 3 − 2 ln J) + λ/2 (ln J)².
 
-    With F = I + ∇u and J = det F; the compressible neo-Hookean body of Bonet & Wood, *Nonlinear
-    Continuum Mechanics for Finite Element Analysis* (2008), section 6.4.3.
+    Here F = I + ∇u and J = det F. This is the compressible neo-Hookean body of Bonet & Wood,
+    *Nonlinear Continuum Mechanics for Finite Element Analysis* (2008), section 6.4.3.
 
     Args:
         u: Displacement.
@@ -185,7 +186,7 @@ def newtonian(v: Expression, K: Scalar, axisymmetric: bool = False) -> Expressio
 
 
 def equivalent_strain_rate(v: Expression, axisymmetric: bool = False) -> Expression:
-    """Equivalent strain rate ε̇_eq = √(2/3 ε̇:ε̇) per time; in upsetting, velocity / height.
+    """Equivalent strain rate ε̇_eq = √(2/3 ε̇:ε̇), per time; in upsetting it is velocity / height.
 
     Args:
         v: Velocity, incompressible.
@@ -200,18 +201,19 @@ def norton_hoff(
 ) -> Expression:
     """Deviatoric stress of a Norton-Hoff body, s = 2K (√3 ε̇)^{m−1} ε̇, with ε̇² = ε̇_eq² + ε̇₀².
 
-    The law of Fourment & Popa (2005), with ε̇₀ added. Without it the viscosity of a body at rest is
-    infinite. With it, stresses are too low by the factor (1 + (ε̇₀/ε̇_eq)²)^{(m−1)/2}: at
-    ε̇₀ = ε̇_eq / 1000 by less than 1e-6. The yield stress in tension is K √3^{m+1} ε̇_eq^m.
+    This is the law of Fourment & Popa (2005) with ε̇₀ added; without ε̇₀ the viscosity of a body at
+    rest would be infinite. With ε̇₀, stresses are multiplied by (1 + (ε̇₀/ε̇_eq)²)^{(m−1)/2}: for
+    ε̇₀ = ε̇_eq / 1000 they are too low by less than 1e-6. The yield stress in tension is
+    K √3^{m+1} ε̇_eq^m.
 
     Both K and m may be expressions of UFL, such as of the temperature.
 
     Args:
         v: Velocity, incompressible.
         K: Consistency, stress × time^m.
-        m: Rate sensitivity, 0 < m ≤ 1: 1 is a Newtonian body, and 0 would be rigid-plastic with
-            Mises' yield stress √3 K. For small ones see ``solve_with_continuation``.
-        regularisation: ε̇₀ per time, such as a thousandth of velocity / height.
+        m: Rate sensitivity, 0 < m ≤ 1. m = 1 is a Newtonian body; m = 0 would be a rigid-plastic
+            body with the von Mises yield stress √3 K. For small m see ``solve_with_continuation``.
+        regularisation: ε̇₀, per time, such as a thousandth of velocity / height.
         axisymmetric: Whether the coordinates are (r, z).
     """
     _check(POSITIVE, K=K, m=m, regularisation=regularisation)
@@ -247,16 +249,17 @@ def mini_space(msh: mesh.Mesh) -> fem.FunctionSpace:
 def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None = None) -> ufl.Form:
     """Residual of slow incompressible flow, ∫ s:ε̇(v*) − p div v* − q div v, with w = (v, p).
 
-    Symmetric if s derives from a potential. It is axisymmetric, with the weight 2πr and div v with
-    v_r/r, if the stress is. Loads are to be subtracted from it, with the test functions v*, q =
-    ``ufl.TestFunctions(w.function_space)``. The Cauchy stress is s − p I. If Dirichlet conditions
-    hold the normal velocity on all of the boundary, p has to be held at a point.
+    Its derivative is symmetric if s derives from a potential. The residual is axisymmetric, with
+    the weight 2πr and the term v_r/r in div v, if the stress is axisymmetric. Subtract the virtual
+    power of loads, with the test functions v*, q = ``ufl.TestFunctions(w.function_space)``. The
+    Cauchy stress is s − p I. If Dirichlet conditions prescribe the normal velocity on the whole
+    boundary, prescribe p at a point.
 
     Args:
         w: Velocity and pressure, such as a function of ``mini_space``.
-        stress: Deviatoric stress s of the velocity ``ufl.split(w)[0]``.
-        dx: Measure; by default over the mesh with a rule that is exact for the MINI element with
-            constant viscosity, but in axisymmetric flow.
+        stress: Deviatoric stress s for the velocity ``ufl.split(w)[0]``.
+        dx: Measure; by default over the mesh, with a rule that is exact for the MINI element with
+            constant viscosity, except in axisymmetric flow.
     """
     check(FUNCTION, w=w)
     check(either(instance(ufl.Measure, "a measure of UFL"), None), dx=dx)
@@ -291,20 +294,20 @@ def heat(
 ) -> ufl.Form:
     """Residual of heat conduction, ∫ c (T − T₀)/Δt T* + k ∇T·∇T* − s T*, by backward Euler.
 
-    What flows in through the boundary, h per area and time, is to be subtracted as ``h * T* * ds``,
-    with T* = ``ufl.TestFunction(T.function_space)`` and, if axisymmetric, times
-    ``axisymmetric_weight``. Of first order in Δt. With T* = 1: what a body without conditions takes
-    up is what its sources give, to rounding.
+    Subtract the heat flux h through the boundary into the body, per area and time, as
+    ``h * T* * ds``, with T* = ``ufl.TestFunction(T.function_space)``; if axisymmetric, multiply it
+    by ``axisymmetric_weight``. The method is of first order in Δt. It conserves energy: with T* = 1
+    the heat stored in a body without Dirichlet conditions is that of its sources, up to rounding.
 
     Args:
-        T: Temperature, of a scalar space.
-        conductivity: k, power per length and temperature.
-        capacity: c, heat per volume and temperature (density times specific heat); 0 at steady
-            state.
-        before: Temperature T₀ at the start of the step; not needed at steady state.
+        T: Temperature, in a scalar space.
+        conductivity: Conductivity k, power per length and temperature.
+        capacity: Heat capacity c, heat per volume and temperature (density times specific heat); 0
+            for steady state.
+        before: Temperature T₀ at the start of the step; not needed for steady state.
         dt: Length Δt of the step, a time.
-        source: s, power per volume, such as ``plastic_heat``.
-        axisymmetric: Whether the coordinates are (r, z); integrals have the weight 2πr then.
+        source: Heat source s, power per volume, such as ``plastic_heat``.
+        axisymmetric: Whether the coordinates are (r, z); integrals then have the weight 2πr.
         dx: Measure; by default over the mesh.
     """
     check(FUNCTION, T=T)
@@ -316,7 +319,7 @@ def heat(
     _check(FINITE, source=source)
     steady = _value(capacity) == 0
     known = before is not None and dt is not None
-    require(steady or known, "before, dt: must be given with a capacity: what T was, and the step")
+    require(steady or known, "before, dt: must be given with a capacity (old T, length of step)")
     if dt is not None:
         _check(POSITIVE, dt=dt)
     msh = T.function_space.mesh
@@ -331,12 +334,13 @@ def heat(
 def plastic_heat(
     stress: Expression, v: Expression, share: Scalar = 0.9, axisymmetric: bool = False
 ) -> Expression:
-    """Power per volume that flow turns into heat, β s:ε̇, the source of ``heat``.
+    """Plastic heat source per volume, β s:ε̇, for ``source`` of ``heat``.
 
     Args:
         stress: Deviatoric stress s, such as ``norton_hoff``.
-        v: Velocity that it is of, incompressible.
-        share: β of Taylor & Quinney (1934), from 0 to 1; what is left stays in the material.
+        v: Velocity of this stress, incompressible.
+        share: Taylor-Quinney coefficient β (Taylor & Quinney 1934), from 0 to 1; the rest of the
+            plastic power is stored in the material.
         axisymmetric: Whether the coordinates are (r, z).
     """
     _check(FRACTION, share=share)

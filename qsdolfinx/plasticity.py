@@ -1,4 +1,4 @@
-"""Elasto-plastic bodies at finite strains: Mises' yield stress with linear hardening.
+"""Elasto-plastic bodies at finite strains: von Mises plasticity with linear hardening.
 
 Units are the user's, as long as they are consistent (stress = force per area). Tensors are 3 × 3,
 in 2D in plane strain or, with ``axisymmetric=True``, in the order r, z, θ.
@@ -31,8 +31,8 @@ HARDENING = number("at least 0, and finite", lambda H: H >= 0)
 SIMPLICES = basix.CellType.triangle, basix.CellType.tetrahedron
 
 REDUCED = (
-    "degree: by a rule of degree 2 or 3 quadrilaterals and hexahedra of degree 2 deform without "
-    "energy, so that solves may fail: take degree=4, or triangles or tetrahedra"
+    "degree: with a rule of degree 2 or 3, quadrilaterals and hexahedra of degree 2 have "
+    "zero-energy modes, so that solves may fail: take degree=4, or triangles or tetrahedra"
 )
 
 #: Places in a 3 × 3 tensor of the components that fields have, for bodies in 2D and 3D.
@@ -41,35 +41,35 @@ _PLACES = {2: ((0, 0), (1, 1), (2, 2), (0, 1)),
 
 
 class J2Plasticity:
-    """An elasto-plastic body: Hencky's elasticity, Mises' yield stress σ_Y + H α, associated flow.
+    """Elasto-plastic body: Hencky elasticity, von Mises yield stress σ_Y + H α, associated flow.
 
-    Deformation is elastic times plastic, F = F_e F_p. With the logarithmic elastic strain
-    e = ½ ln F_e F_eᵀ Kirchhoff's stress is τ = K tr(e) I + 2G dev(e), and the body yields at
-    √(3/2) |dev τ| = σ_Y + H α, where α is the plastic strain that has accumulated. The flow rule is
+    The deformation gradient is F = F_e F_p. With the logarithmic elastic strain e = ½ ln F_e F_eᵀ
+    the Kirchhoff stress is τ = K tr(e) I + 2G dev(e), and the body yields at
+    √(3/2) |dev τ| = σ_Y + H α, where α is the accumulated plastic strain. The flow rule is
     integrated over a step by the exponential map (Weber & Anand 1990; Simo 1992, Computer Methods
-    in Applied Mechanics and Engineering 99, 61-112), so that plastic flow keeps the volume and the
-    return to the yield surface is the closed form of small strains. UFL derives the tangent, which
-    is that of the step, and symmetric.
+    in Applied Mechanics and Engineering 99, 61-112): plastic flow keeps the volume, and the return
+    mapping is the closed form of small strains. UFL derives the consistent tangent of the step,
+    which is symmetric.
 
-    A step leads from the state at the last :meth:`update` to the unknown w. Call it when a step has
-    been made, not in a step::
+    A step leads from the state at the last :meth:`update` to the unknown w. Call :meth:`update`
+    after each step, not within a step::
 
         for t in stepper.run(t_end):
             body.update()
 
-    The logarithm of a step's stretch is a series: it is off by less than 1e-10 of itself at
-    stretches from 0.9 to 1.1, 1e-6 from 0.75 to 1.33, and 1e-3 from 0.5 to 2.
+    The logarithm of the stretch of a step is a series. Its relative error is less than 1e-10 for
+    stretches of the step from 0.9 to 1.1, 1e-6 from 0.75 to 1.33, and 1e-3 from 0.5 to 2.
 
     Args:
-        w: Displacement from the mesh, or displacement and pressure together, such as a function of
-            ``materials.mini_space``. Plastic flow keeps the volume: displacements alone lock, those
-            of degree 1 always, those of degree 2 unless ``degree`` is 2.
+        w: Displacement relative to the mesh, or displacement and pressure together, such as a
+            function of ``materials.mini_space``. Since plastic flow keeps the volume, displacements
+            alone lock: those of degree 1 always, those of degree 2 unless ``degree`` is 2.
         E: Young's modulus, a stress.
         nu: Poisson's ratio, −1 < ν < ½.
         yield_stress: σ_Y, in tension.
         hardening: H, a stress.
         axisymmetric: Whether the coordinates are (r, z): see ``materials.axisymmetric_weight``.
-        degree: Of the quadrature rule, at whose points the state is kept.
+        degree: Degree of the quadrature rule; the history variables are at its points.
 
     Raises:
         TypeError: If w is not a function.
@@ -79,10 +79,10 @@ class J2Plasticity:
         elastic_strain: e at the last update, its components rr, zz, θθ, rz (plane strain: xx, yy,
             zz, xy; 3D: xx, yy, zz, xy, xz, yz).
         plastic_strain: α at the last update.
-        volume: Volume without elastic strain that a unit of volume of the mesh has.
+        volume: Volume, without elastic strain, of a unit volume of the mesh.
         dx: Measure of the body's integrals.
         mesh: The mesh of w.
-        gdim: Its geometric dimension.
+        gdim: Geometric dimension of the mesh.
         mixed: Whether w has a pressure.
         shear: Shear modulus, a stress.
         bulk: Bulk modulus, a stress.
@@ -152,22 +152,22 @@ class J2Plasticity:
 
     @property
     def fields(self) -> dict[str, fem.Function]:
-        """What has to be carried to another mesh, by name; see :meth:`restart`."""
+        """History variables to be transferred to another mesh, by name; see :meth:`restart`."""
         return {"elastic_strain": self.elastic_strain, "plastic_strain": self.plastic_strain}
 
     @property
     def state(self) -> dict[str, fem.Function]:
-        """What has to be kept with w to go on later on the same mesh; see :meth:`resume`.
+        """History variables to be saved with w, to resume on the same mesh; see :meth:`resume`.
 
-        For instance in a checkpoint, ``qs.save_run(stepper, folder, body.state)``.
+        For example in a checkpoint: ``qs.save_run(stepper, folder, body.state)``.
         """
         return self.fields | {"volume": self.volume}
 
     @property
     def residual(self) -> ufl.Form:
-        """Virtual work ∫ τ : ∇v F⁻¹ of the step to w, and with a pressure ∫ (tr e − p/K) q.
+        """Residual: virtual work ∫ τ : ∇v F⁻¹ at w, and with a pressure also ∫ (tr e − p/K) q.
 
-        Loads are to be subtracted from it. It is the derivative of an energy.
+        Subtract the virtual work of loads. The residual is the derivative of an energy.
         """
         test = ufl.TestFunction(self.w.function_space)
         v = ufl.split(test)[0] if self.mixed else test
@@ -179,19 +179,19 @@ class J2Plasticity:
 
     @property
     def kirchhoff_stress(self) -> Expression:
-        """Kirchhoff's τ at w: Cauchy's stress times the elastic change of volume.
+        """Kirchhoff stress τ at w: the Cauchy stress times the elastic change of volume.
 
-        With a pressure p tr τ = −3p. It is UFL, 3 × 3, for the measure ``dx``.
+        With a pressure p, tr τ = −3p. It is a UFL tensor, 3 × 3, for the measure ``dx``.
         """
         mean = -ufl.split(self.w)[1] if self.mixed else self.bulk * self._dilation
         return mean * ufl.Identity(3) + 2 * self.shear * ufl.dev(self._strain)
 
     def stored_energy(self) -> float:
-        """Elastic energy and that of hardening at w, over all ranks. Collective."""
+        """Elastic energy and hardening energy at w, over all ranks. Collective."""
         return self._total(self.stored_energy_form)
 
     def dissipated_energy(self) -> float:
-        """Energy that yielding has turned into heat until w, over all ranks. Collective."""
+        """Energy dissipated by yielding up to w, over all ranks. Collective."""
         return self._total(self.dissipated_energy_form)
 
     def _total(self, form: ufl.Form) -> float:
@@ -202,21 +202,21 @@ class J2Plasticity:
 
     @functools.cached_property
     def stored_energy_form(self) -> ufl.Form:
-        """Elastic energy and that of hardening at w, ∫ K/2 tr(e)² + G |dev e|² + H/2 α²."""
+        """Elastic and hardening energy at w, ∫ K/2 tr(e)² + G |dev e|² + H/2 α²."""
         shape, alpha = ufl.dev(self._strain), self.plastic_strain + self._flow
         energy = self.shear * ufl.inner(shape, shape) + self.hardening / 2 * alpha**2
         return self._weight * (energy + self.bulk / 2 * ufl.tr(self._strain) ** 2) * self.dx
 
     @functools.cached_property
     def dissipated_energy_form(self) -> ufl.Form:
-        """Energy that yielding has turned into heat until w, ∫ σ_Y α."""
+        """Energy dissipated by yielding up to w, ∫ σ_Y α."""
         alpha = self.plastic_strain + self._flow
         return self._weight * self.yield_stress * alpha * self.dx
 
     def update(self) -> None:
-        """Take w as the end of a step: the next one starts there. Collective.
+        """Accept w as the end of a step: the next step starts from it. Collective.
 
-        Not after w and the state were set from elsewhere, see :meth:`resume`.
+        Use :meth:`resume` instead after w and the state were set, for example from a checkpoint.
         """
         values = []
         for field, expression in self._new.items():
@@ -228,18 +228,18 @@ class J2Plasticity:
         self._start.x.array[:] = self.w.x.array
 
     def restart(self) -> None:
-        """Take w, and what the fields were set to, as the state of the body. Collective.
+        """Take w and the present values of ``fields`` as the state of the body. Collective.
 
-        So after the fields were carried to a new mesh, where w is zero. ``volume`` follows from
-        them; on the same mesh :meth:`resume` keeps it as it was.
+        Call this after the fields were transferred to a new mesh, on which w is zero. ``volume`` is
+        computed from them; on the same mesh use :meth:`resume`, which does not change ``volume``.
         """
         self._start.x.array[:] = self.w.x.array
         self.volume.interpolate(self._ratio)
 
     def resume(self) -> None:
-        """Take w, and what all of the state was set to, as the state of the body. Collective.
+        """Take w and the present values of ``state`` as the state of the body. Collective.
 
-        So after ``qs.load_run(stepper, folder, body.state)``.
+        Call this after ``qs.load_run(stepper, folder, body.state)``.
         """
         self._start.x.array[:] = self.w.x.array
 

@@ -1,4 +1,4 @@
-"""An exception that nobody catches on one rank ends all ranks, also those that wait for it."""
+"""Termination of all ranks after an uncaught exception on one rank."""
 
 from __future__ import annotations
 
@@ -42,14 +42,16 @@ class _EndingAll:
 
 
 def end_all_ranks() -> None:
-    """Let an exception that nobody catches on one rank end all ranks of ``MPI.COMM_WORLD``.
+    """Let an uncaught exception on one rank terminate all ranks of ``MPI.COMM_WORLD``.
 
-    Otherwise the others wait for that rank for ever, as in any MPI program; ``python3 -m mpi4py``
-    does not help where PETSc is used, whose end waits, too. Put it at the top of a script that runs
-    on several ranks. 5 s after the exception, unless the others have failed as well, all are ended
-    with exit code 1 and a line that says which rank it was.
+    Otherwise the other ranks wait for that rank forever, as in any MPI program.
+    ``python3 -m mpi4py`` does not help with PETSc, since PETSc's finalisation waits, too. Call this
+    function at the top of a script that runs on several ranks. 5 s after the exception, unless the
+    other ranks have failed as well, all ranks end with exit code 1 and a line that names the failed
+    rank.
 
-    It goes on from whatever ``sys.excepthook`` is, and stays until that is set to another one.
+    The function installs a hook that first calls the present ``sys.excepthook``. It is active until
+    ``sys.excepthook`` is set again.
     """
     if MPI.COMM_WORLD.size > 1 and not isinstance(sys.excepthook, _EndingAll):
         sys.excepthook = _EndingAll(sys.excepthook)

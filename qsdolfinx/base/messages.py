@@ -24,7 +24,7 @@ _PACKAGE = str(pathlib.Path(__file__).parents[1]) + os.sep
 
 
 class ContactWarning(UserWarning):
-    """A contact will hardly do what is meant; the text says what to change."""
+    """A contact probably does not do what is intended; the text says what to change."""
 
 
 def say(comm: MPI.Intracomm, text: str) -> None:

@@ -36,9 +36,7 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
     require(not of.is_scalar, f"{text}, not of scalar fields")
     text = "mechanics: contact with itself keeps no pairing points"
     require(not of.with_itself, text)
-    require(
-        len(of.of_sides) == 1, 'mechanics: "double-pass" contact pairs twice; use "quasi-symmetric"'
-    )
+    require(len(of.of_sides) == 1, 'mechanics: "double-pass" has two slaves; use "quasi-symmetric"')
     other, there = deformable(of.master), deformable(master)
     fits = _same_facets(of.slave, slave)  # also where a rank has none
     swapped = not fits and other is not None and _same_facets(other, slave)

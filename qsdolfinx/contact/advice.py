@@ -103,16 +103,17 @@ def _pairing(model: ContactModel) -> str:
     paired = f"{rows} of {found.near} slave nodes near the master" if rows else "no slave node"
     if found.turned > max(2 * rows, FEW * found.near):
         return (
-            f"normals: {paired} found a partner, since where the surfaces meet their outward "
-            "normals point the same way, as if one body were inside the other; check the facets or "
-            "tags that were chosen, and a rigid tool's normal or the orientation of its facets"
+            f"normals: {paired} found a partner, since the outward normals of the surfaces point "
+            "in the same direction where they meet, as if one body were inside the other: check "
+            "the chosen facets or tags, and a rigid tool's normal or the orientation of its facets"
         )
     if found.facing <= max(2 * rows, FEW * found.near):
         return ""  # a free side, say, at right angles to the die that it will fold on
     return (
-        f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, and "
-        f"{found.facing} face the master from {found.away:.3g} on; give a larger search_radius, or "
-        "check where the meshes are (time steps, which pair anew, may bring them together)"
+        f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, but "
+        f"{found.facing} nodes face the master at distances from {found.away:.3g} on: give a "
+        "larger search_radius, or check the positions of the meshes (time steps, which update the "
+        "contact pairs, may bring them together)"
     )
 
 
@@ -171,10 +172,10 @@ def _finer_master(model: ContactModel) -> str:
     if sizes is None or sizes[1] >= FINER * sizes[0]:
         return ""
     return (
-        f"quadrature: where they meet the master's facets ({sizes[1]:.3g}) are much smaller than "
-        f"the slave's ({sizes[0]:.3g}); at nodes that leaves spikes of traction, and with "
-        'master-slave contact nodes without force: use quadrature="overlay", or swap slave and '
-        "master"
+        f"quadrature: in the contact zone the master's facets ({sizes[1]:.3g}) are much smaller "
+        f"than the slave's ({sizes[0]:.3g}); nodal quadrature then gives spikes of traction, and "
+        'with master-slave contact nodes without force: use quadrature="overlay", or swap slave '
+        "and master"
     )
 
 
@@ -220,9 +221,9 @@ def _overclosure(model: ContactModel) -> str:
         return ""
     return (
         f"initial_overclosure: the surfaces penetrate each other by {overclosure.depth:.3g}, "
-        f"{overclosure.depth / size:.2g} of the smallest facet, which the next solve presses out; "
-        'move a mesh, choose initial_overclosure="ignore", or, for an interference fit, resolve '
-        "it gradually with contact.allow_overclosure"
+        f"{overclosure.depth / size:.2g} of the smallest facet, and the next solve presses them "
+        'apart: move a mesh, choose initial_overclosure="ignore", or, for an interference fit, '
+        "resolve it gradually with contact.allow_overclosure"
     )
 
 
@@ -339,9 +340,9 @@ def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
         "curved surfaces",
         f"{_text(model.settings, found)}: gaps are measured between the curved surfaces, as with "
         f'smoothing="shared-curvature"{finer and f"; {finer} need none"}; if the bodies are as '
-        'flat as their facets, write smoothing="none". Contact does not follow the bodies then: if '
-        "they slide by more than a part of a facet in a step, take meshes of degree 2, see "
-        "qs.elevate, and displacements of degree 2",
+        'flat as their facets, write smoothing="none". With this smoothing, sliding stays small: '
+        "if the bodies slide by more than a part of a facet in a step, take meshes of degree 2, "
+        "see qs.elevate, and displacements of degree 2",
     )
 
 

@@ -83,9 +83,9 @@ def check_field(
     for name in ("unknown", "sliding", "initial_overclosure", "constraints"):
         fits = getattr(given, name) == getattr(Given(), name)
         fits = fits or (name, given.constraints) == ("constraints", "nodes")
-        require(fits, f"{name}: leave it out, scalar fields move nothing")
+        require(fits, f"{name}: leave it out; scalar fields have no motion")
     if conducts:
-        text = "has no multiplier to augment and no penalty: h takes its place; leave it out"
+        text = "has no multiplier and no penalty, since h takes its place; leave it out"
         require(enforcement == "penalty", f"enforcement: a conductance {text}")
         require(penalty == "auto", f"penalty: a conductance {text}")
     tool, conductance = isinstance(master, RigidSurface), law if conducts else None
@@ -93,10 +93,10 @@ def check_field(
         text = "use qs.Conductance(h, tool=…), or Dirichlet conditions for a tool's temperature"
         require(conductance is not None, f"law: a rigid tool has no field to be tied to; {text}")
     known = isinstance(conductance, Conductance) and conductance.tool is not None
-    require(known == tool, "law: Conductance needs tool=, its temperature, for a rigid tool alone")
+    require(known == tool, "law: Conductance needs tool=, its temperature, for rigid tools only")
 
 
-_OF = "leave it out, it is that of the contact in mechanics"
+_OF = "leave it out; the contact in mechanics determines it"
 
 
 def check_of_use(
@@ -109,7 +109,7 @@ def check_of_use(
     needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
     if of is None:
         require(
-            not needed, "mechanics: must be the bodies' contact, for an h of its state and its heat"
+            not needed, "mechanics: must be the bodies' contact, for h(p, g) or heat of friction"
         )
         return
     require(slave.is_scalar, "mechanics: is for surfaces on scalar spaces")
@@ -160,13 +160,13 @@ def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> 
     numbers = isinstance(law.memory, typing.Mapping) and all(
         isinstance(name, str) and FINITE.fits(first) for name, first in law.memory.items()
     )
-    require(numbers, "law: memory must have a name and a finite first value of each number")
+    require(numbers, "law: memory must have a name and a finite initial value of each number")
     commits = type(law).commit is not Law.commit
-    require(commits, f"law: {of}needs commit, which gives what it remembers from then on")
-    require(enforcement == "penalty", f'enforcement: {of}is told gap and ε alone; use "penalty"')
+    require(commits, f"law: {of}needs commit, which returns its memory after a step")
+    require(enforcement == "penalty", f'enforcement: {of}uses gap and ε only; use "penalty"')
     small = sliding == "small" or law.jump
-    require(small, f'sliding: {of}is asked at the nodes of its pairs; use "small"')
-    require(constraints == "nodes", f'constraints: {of}does so at nodes; use "nodes"')
+    require(small, f'sliding: {of}is evaluated at nodes of fixed pairs; use "small"')
+    require(constraints == "nodes", f'constraints: {of}is evaluated at nodes; use "nodes"')
 
 
 def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
@@ -192,8 +192,8 @@ def check_sliding(
     of = 'sliding: "finite" '
     require(
         quadrature == "overlay",
-        of + "cuts facets along each other: at nodes a closest point that moves would make forces "
-        'jump from facet to facet; use quadrature="overlay"',
+        of + "needs the segmentation of facets: with closest points of nodes, forces would jump "
+        'from facet to facet; use quadrature="overlay"',
     )
     require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
     require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
@@ -218,7 +218,7 @@ def check_itself(
         quadrature == "overlay",
         f'quadrature: {of}is decided facet by facet; use quadrature="overlay"',
     )
-    require(not law.jump, f"law: {of}cannot be tied; name the two parts as surfaces")
+    require(not law.jump, f"law: {of}cannot be tied; give the two parts as two surfaces")
     require(sides == (None, None), f"smoothing: {of}measures gaps between facets")
     alike = isinstance(unknown, str) or len(set(unknown)) == 1
     require(alike, f"unknown: {of}has one body, with one kind of unknowns")
@@ -226,7 +226,7 @@ def check_itself(
 
 def check_friction(friction: typing.Any, slave: Surface) -> None:
     """Refuse friction of another type, or with parameters of another mesh."""
-    check(either(instance(Friction, "such as qs.Coulomb(0.2)"), None), friction=friction)
+    check(either(instance(Friction, "a law such as qs.Coulomb(0.2)"), None), friction=friction)
     for name, value in friction.parameters.items() if friction is not None else ():
         fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
         require(fits, f"friction: {name}: the Function must be on the mesh of the slave")

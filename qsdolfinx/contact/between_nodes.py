@@ -69,7 +69,7 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
     mean = "weighted gap of a node"
     if settings.constraints == "points":
         mean = "mean gap of a node's points"
-        why = "facets are too coarse for what they meet there, or bodies went into each other"
+        why = "facets are too coarse for the opposite surface, or bodies penetrated each other"
         remedy = "finer facets, or smaller steps"
     elif model.follows:
         is_tool = as_tool(model.master) is not None
@@ -107,16 +107,16 @@ def find_deep_corners(model: ContactModel) -> str | None:
     deepest, _, at = max(model.comm.allgather((deepest, model.comm.rank, tuple(map(float, x)))))
     if deepest <= limit:
         return None
-    why = "gaps are means over the facets beside it: it bears too little, or nothing, until it is "
-    why, remedy = why + "some quarter of a facet deep", 'constraints="points", '
+    why = "its gap is a mean over the facets beside it: it carries too little or no force until "
+    why, remedy = why + "it is about a quarter of a facet deep", 'constraints="points", '
     if model.settings.constraints == "points" or model.settings.sliding == "finite":
         remedy = ""
     if model.settings.constraints == "points":
-        why = "it is held by the points of the facets beside it alone: it bears too little"
+        why = "only points of the facets beside it have constraints: it carries too little force"
     place = ", ".join(f"{c:.4g}" for c in at[: model.slave.gdim])
     return (
         f"constraints: a corner of the slave near ({place}) is {deepest:.3g} deep in the other "
-        f"surface, and {why}; take {remedy}finer facets there, or a rounding of several facets"
+        f"surface, and {why}; take {remedy}finer facets there, or a fillet of several facets"
     )
 
 

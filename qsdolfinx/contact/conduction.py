@@ -57,7 +57,7 @@ def look(model: ContactModel) -> None:
             require(solved, f"{text}: solve their problem first", RuntimeError)
             step, theirs = model.kinematics.dt, of.kinematics.dt
             alike = law.friction is None or step is None or theirs in (None, step)
-            require(alike, f"dt: is {step}, and that of the contact in mechanics {theirs}")
+            require(alike, f"dt: is {step}, but dt of the contact in mechanics is {theirs}")
     gap.state.shift = np.full((gap.num_rows, 1), -law.tool_temperature)
 
 
@@ -99,9 +99,9 @@ def _advise(model: ContactModel, law: Conductance, gap: WeightedGap) -> None:
         tell(
             model,
             WIDE,
-            f"h: {wide} nodes face nothing within the search radius {radius:.3g}, at which h is "
-            f"still {there:.3g}; what flows across wider gaps is left out: give the contact in "
-            "mechanics a search_radius above the widest gap that is to conduct",
+            f"h: {wide} nodes have no partner within the search radius {radius:.3g}, at which h is "
+            f"still {there:.3g}; the flow across wider gaps is neglected: give the contact in "
+            "mechanics a search_radius above the widest gap that conducts",
         )
 
 

@@ -1,4 +1,4 @@
-"""Contact between two surfaces: formulation, law, penalty, and what there is to read afterwards."""
+"""Contact between two surfaces: formulation, contact law, penalty and results."""
 
 from __future__ import annotations
 
@@ -37,126 +37,130 @@ Array = npt.NDArray[np.float64]
 class Contact:
     """Contact of a slave surface with a master surface.
 
-    Given no more than the two, it is quasi-symmetric contact with exact integrals, in which an
-    augmented Lagrangian closes the gaps. The paper's own method is ``quadrature="nodal"`` with
+    With the two surfaces alone, contact is quasi-symmetric with exact integrals, and an augmented
+    Lagrangian closes the gaps. The method of the paper is ``quadrature="nodal"`` with
     ``enforcement="penalty"``.
 
-    The energy of a penalty is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations
-    differ in where the gap is sampled: ``"master-slave"``, (5), at the slave's side;
-    ``"quasi-symmetric"``, (11) and (12), at both sides, while the multiplier stays on the slave;
-    ``"double-pass"``, (6), is the mean of two master-slave contacts with the roles swapped, and so
-    has multipliers on both sides. They cannot close every gap of non-matching meshes: it takes a
-    moderate penalty, and no augmented Lagrangian.
+    The penalty energy is Φ = ½ ε Σ_k S_k [ḡ_k]₊² over the slave nodes k. The formulations differ
+    in where the gap is sampled. ``"master-slave"``, (5), samples it on the slave side.
+    ``"quasi-symmetric"``, (11) and (12), samples it on both sides, with the multiplier on the slave
+    only. ``"double-pass"``, (6), is the mean of two master-slave contacts with the roles swapped,
+    so that both sides carry multipliers. These multipliers cannot close every gap of non-matching
+    meshes: double-pass contact needs a moderate penalty, and has no augmented Lagrangian.
 
-    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: matching meshes
-    give the same result with each. The ρ of (12) is ε/8 for quasi-symmetric contact and ε/2 for
-    master-slave.
+    The ½ of (11) is kept in the gap, so that ε means the same in every formulation: on matching
+    meshes all formulations give the same result. The ρ of (12) is ε/8 for quasi-symmetric contact
+    and ε/2 for master-slave contact.
 
-    Pairing points are found when the object is made, and again by :meth:`update`. Collective.
+    Contact detection finds the contact quadrature points when the object is made, and again in
+    :meth:`update`. Collective.
 
-    What there is to read afterwards is in :attr:`results`, a :class:`qs.ContactResults`; the dozen
-    that is read most is here, too. What the contact was made with is in :attr:`settings`.
+    The results are in :attr:`results`, a :class:`qs.ContactResults`. The results that are read most
+    often are also methods of this class. The arguments are in :attr:`settings`.
 
     Args:
         slave: Surface that carries the multiplier.
-        master: The other surface, or a rigid tool; or the same surface, parts of which may come to
-            touch each other: it then stands for all facets that are the master of another one,
-            and ``slave`` and ``master`` are surfaces of their own, of all of the body's boundary.
-        name: What messages call the contact, such as ``"punch"``; by default its place in the
-            problem's list.
-        law: ``Unilateral()``, ``Tied()`` or a :class:`qs.Law` of your own; of scalar fields
+        master: The other surface, or a rigid tool. For self-contact, the same surface as the
+            slave: ``contact.slave`` and ``contact.master`` are then two new surfaces on the whole
+            boundary of the body, and each facet of the surface may be the master of another one.
+        name: Name of the contact in messages, such as ``"punch"``; by default messages give its
+            place in the problem's list.
+        law: ``Unilateral()``, ``Tied()`` or a :class:`qs.Law` of your own; for scalar fields
             ``Tied()`` or ``Conductance(h)``.
         friction: ``qs.Coulomb``, ``qs.Tresca``, ``qs.CoulombTresca``, ``qs.Norton``,
-            ``qs.Sticking``, or None. Slip counts from the end of the last step: a step is a solve
-            of the problem, unless the solve is part of ``ContactProblem.one_step``.
-        sliding: ``"small"``: pairs, normals and areas stay as they were paired while a solve lasts.
-            ``"finite"``: the geometry of contact follows the bodies within the solve, however far
-            they slide or turn; facets are cut anew at each iteration. It needs the overlay, with
-            normals of the facets. By default small, and finite as soon as it is part of a problem
-            where the form of one of its bodies is nonlinear, or of a :class:`qs.TimeStepper`: but
-            for bodies in velocities, tools that a moment drives, the nodal rule,
-            ``constraints="nodes"``, ``smoothing``, ``normals="bisector"``, contacts that have been
-            solved for already, and, in 3D, creases that are near edges of the other side,
-            ahead of their facets.
+            ``qs.Sticking``, or None. Slip counts from the end of the last step. A step is one solve
+            of the problem, unless the solve is inside ``ContactProblem.one_step``.
+        sliding: ``"small"``: contact pairs, normals and areas do not change during a solve.
+            ``"finite"``: the geometry of contact is updated within the solve, however far the
+            bodies slide or turn; the segmentation of the facets is computed anew in each iteration.
+            This needs the overlay and facet normals. By default sliding is small. It becomes finite
+            when the contact is used in a problem in which the form of one of its bodies is
+            nonlinear, or in a :class:`qs.TimeStepper`. It stays small with velocity-based bodies,
+            tools that a moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``,
+            ``normals="bisector"``, for contacts that have already been solved, and, in 3D, where
+            sharp edges are near edges of the other side and reach it before their facets do.
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
-            analytic shape they are the same.
-        enforcement: ``"augmented-lagrangian"``, the default where there is one: multipliers are
-            updated until they leave no gap larger than the tolerance, with any penalty. (With
-            direct solvers a penalty that takes too many updates is raised.) They are
-            kept for the next solve, also when contact pairs anew; :meth:`reset` forgets them.
-            ``"penalty"``, the default of double-pass contact: a gap of λ/ε is left.
-        penalty: ε, stress per length; ``"auto"`` takes it from the stiffness of the bodies at the
-            contact nodes when the problem is first solved; with an augmented Lagrangian and bodies
-            in velocities, whenever contact has paired anew.
-        friction_penalty: ε in tangential direction (stress per length); by default that of the
-            gaps. Not used by ``qs.Norton``.
-        gap_tolerance: Gap that an augmented Lagrangian may leave, in units of the smallest facet.
-            Where that is more than 1e-4 of λ/ε, as under small loads, this is the limit; where a
-            body with held nodes is tied to a much stiffer one, what stands for 1e-5 of the largest
-            λ in that. With constraints at points it is a limit for what multipliers can close: the
-            mean gaps of nodes. What points within a facet differ by stays, as resolution allows.
-        constraints: Where the law is asked for a multiplier. ``"points"``: at each contact
-            quadrature point, that of friction too, so that what is open takes nothing from what is
-            closed beside it, and at vertices and edges of creases, which are ahead of their facets;
-            multipliers are functions on the slave's nodes. ``"nodes"``: at the slave nodes, for
-            weighted gaps, with small sliding. By default ``"points"`` of unilateral contact on the
-            overlay, and of all that follows the bodies; ties, double-pass contact, nodal
-            quadrature, and a law of the user's with a penalty have ``"nodes"``.
-        initial_overclosure: What becomes of penetration at the first pairing, before anything has
-            moved. ``"resolve"``: it is a misfit as any other, and the next solve presses the bodies
-            apart (an interference fit; :meth:`allow_overclosure` does so gradually). ``"ignore"``:
-            it never counts as a gap: each node keeps its depth, without strain, wherever it slides,
-            and nodes that the other surface slides to get the same if all are as deep. With finite
-            sliding at points that is the mean of the points around it, and as much more as it takes
-            for none of them to press. ``"error"``: it is refused. Points deeper than the search
-            radius are not paired, and not seen. A tie leaves any gap as it is; with it the first
-            two are the same.
-        search_radius: Points further than this from the other surface are not paired (length). By
-            default the largest facet of the two surfaces, of a rigid tool's that of the slave.
-            ``"local"``: place by place the size of the larger of the two facets, for surfaces whose
-            fine parts are to look no further than they have to.
-        quadrature: ``"overlay"``: (7) is integrated exactly over the pieces that the facets of one
-            surface cut from those of the other. ``"nodal"``, the paper's: the gap is sampled at
-            nodes, as in (5), (6), (12), for displacements of degree 1. It is cheaper, and tractions
-            on non-matching meshes are wrong by a share that does not fall with the size of facets.
-        quadrature_degree: Degree of the rule on the pieces of the overlay; by default that of the
-            integrand on affine facets, and with ``sliding="finite"`` between quadrilaterals 2, or
-            4 with displacements of degree 2.
-        normals: Along which the gap is measured: ``"facet"``, of the facet that is found or cut
-            (the default at nodes without friction); ``"bisector"`` of it and the mean normal at the
-            node or point of the other surface (the default on the overlay with small sliding, and
-            with friction, which takes closing a gap along a tilted facet's normal for slip).
-            Bisectors are for two deformable bodies: of a rigid tool, of facets or analytic, the
-            normals are always its own, at the point that is closest or opposite; if it is smoothed,
-            those of its surface.
-        smoothing: What the gap is measured between, one for both sides or a pair for slave and
-            master, on the overlay. ``"auto"``: the facets, or with small sliding, where both sides
-            are curved alike and chords change the gap by more than a tenth of the clearance or
-            interference, as ``"shared-curvature"``, with a warning that says so. ``"none"`` or
-            None: the facets; those of a mesh of degree 2 as they are curved.
+            analytic shape these two are the same.
+        enforcement: ``"augmented-lagrangian"``, the default except where there is none: the solve
+            ends when the gaps that the multipliers leave are within the tolerance, with any
+            penalty. The multipliers are kept for the next solve, also when the contact pairs are
+            updated; :meth:`reset` deletes them. ``"penalty"``, the default of double-pass contact,
+            conductances and laws with history variables: a gap of λ/ε is left.
+        penalty: ε, stress per length. ``"auto"`` computes it from the stiffness of the bodies at
+            the contact nodes in the first solve; with an augmented Lagrangian and velocity-based
+            bodies, after each update of the contact pairs.
+        friction_penalty: ε in tangential direction (stress per length); by default the penalty of
+            the gaps. Not used by ``qs.Norton``.
+        gap_tolerance: Largest gap that an augmented Lagrangian may leave at active constraints
+            when a solve ends, in units of the smallest facet. With constraints at points it limits
+            the mean gaps of the nodes, which are all that the multipliers can close. The gaps of
+            the points within a facet still differ from this mean, depending on the mesh size.
+        constraints: Where the contact law is evaluated. ``"points"``: at each contact quadrature
+            point, for friction too, so that inactive constraints do not change the force of active
+            constraints beside them; and at vertices and edges of sharp edges, which touch before
+            their facets do. Multipliers are functions on the slave's nodes. ``"nodes"``: at the
+            slave nodes, for weighted gaps, with small sliding. The default is ``"points"`` for
+            unilateral contact on the overlay and for all contact with finite sliding. It is
+            ``"nodes"`` for ties, double-pass contact, nodal quadrature, and a user's law with a
+            penalty.
+        initial_overclosure: How to treat penetration in the first contact detection, before
+            anything has moved. ``"resolve"``: interference fit; the next solve presses the bodies
+            apart (with :meth:`allow_overclosure` gradually). ``"ignore"``: strain-free adjustment;
+            the penetration never counts as a gap. Each node keeps its depth, without strain,
+            wherever it slides. Nodes that the other surface reaches later are allowed the same
+            depth if it is the same at all nodes. With finite sliding and constraints at points the
+            depth of a node is the mean over the points around it, increased until no point is in
+            contact. ``"error"``: penetration raises an error. Points deeper than the search radius
+            are not paired, and their penetration is not found. A tie leaves any gap as it is, so
+            that ``"resolve"`` and ``"ignore"`` are the same for it.
+        search_radius: Search distance (length): points further than this from the other surface are
+            not paired. By default the largest facet of the two surfaces; with a rigid tool the
+            largest facet of the slave. ``"local"``: at each place the size of the larger of the two
+            facets, for surfaces with fine parts that need only a short search distance.
+        quadrature: ``"overlay"``: (7) is integrated exactly over the segments, the intersections of
+            the facets of the two surfaces. ``"nodal"``, the method of the paper: the gap is sampled
+            at nodes, as in (5), (6), (12), for displacements of degree 1. It is cheaper, but on
+            non-matching meshes tractions have a relative error that does not fall with the size of
+            facets.
+        quadrature_degree: Degree of the rule on the segments of the overlay. By default the degree
+            of the integrand on affine facets; with ``sliding="finite"`` between quadrilaterals 2,
+            or 4 with displacements of degree 2.
+        normals: Direction in which the gap is measured. ``"facet"``: the normal of the facet that
+            was found or cut (the default at nodes without friction). ``"bisector"``: the bisector
+            of this normal and the mean normal at the node or point of the other surface (the
+            default on the overlay with small sliding, and with friction: along a tilted facet
+            normal, closing a gap would count as slip). Bisectors are for two deformable bodies. A
+            rigid tool, of facets or analytic, always gives its own normals, at the closest or
+            opposite point; if the tool is smoothed, they are the normals of the smooth surface.
+        smoothing: Surfaces between which the gap is measured, on the overlay: one value for both
+            sides, or a pair for slave and master. ``"auto"``: the facets; with small sliding
+            ``"shared-curvature"``, with a warning, where both sides are curved the same way and
+            chord errors change the gap by more than a tenth of the clearance or interference.
+            ``"none"`` or None: the facets; those of a mesh of degree 2 are curved.
             ``"shared-curvature"``: the curved surfaces that the facets approximate, as far as both
-            sides share their curvature, which is found from how neighbouring facets turn. Creases
-            of more than 30° stay. A surface by name, such as ``qs.smooth.Cylinder``: the one that
-            the side's vertices are on when the contact is made; it goes along with the facets. On
-            conforming surfaces of non-matching meshes, such as shrink fits and journal bearings, or
-            of a slave on an analytic tool, which itself has nothing to smooth, chord errors are not
-            part of the gap then. A tie leaves any gap as it is.
-        unknown: What the unknowns of the bodies are: ``"displacement"`` or ``"velocity"``, (2) and
-            (3), or one of them for the slave and the master, such as a forged workpiece and an
-            elastic die, ``("velocity", "displacement")``.
-        dt: Δt, time, if a body has velocities or friction depends on rates, or for the heat of
-            friction if the contact in ``mechanics`` has none; :meth:`set_dt` changes it.
-        mechanics: For contact of scalar fields: the contact of the bodies, on the same facets. The
-            field has its pairs, so that nothing is searched twice, and a conductance its pressures,
-            distances and friction. Where its master is a rigid tool that has a
-            mesh of its own for the field, fields are paired by themselves, where meshes are.
-        of: ``mechanics``, as it was called before.
+            sides share their curvature, which is found from the angles between neighbouring facets.
+            Sharp edges of more than 30° stay. A named surface, such as ``qs.smooth.Cylinder``: the
+            surface on which the vertices of the side are when the contact is made; it moves with
+            the facets. Chord errors are then not part of the gap on conforming surfaces of
+            non-matching meshes, such as shrink fits and journal bearings, or of a slave on an
+            analytic tool. (The tool itself needs no smoothing.) A tie leaves any gap as it is.
+        unknown: Unknowns of the bodies: ``"displacement"`` or ``"velocity"``, (2) and (3), or a
+            pair for slave and master, such as ``("velocity", "displacement")`` for a forged
+            workpiece and an elastic die.
+        dt: Δt, time. Needed if a body has velocities, if friction depends on rates, or for the heat
+            of friction if the contact in ``mechanics`` has no Δt; :meth:`set_dt` changes it.
+        mechanics: For contact of scalar fields: the mechanical contact of the bodies, on the same
+            facets. The field uses the contact pairs of this contact, so that contact detection is
+            done once. A conductance uses its pressures, distances and friction. If the master is a
+            rigid tool with a mesh of its own for the field, the field has its own contact
+            detection, at the positions of the meshes.
+        of: Former name of ``mechanics``.
 
-    Surfaces on scalar spaces, such as of temperatures, have no gaps: ``qs.Tied()``, the default,
-    makes the field continuous, and ``qs.Conductance(h)`` lets a flux h ⟦T⟧ through. Then λ, of the
-    sign of ⟦T⟧ = T_s − T_m, is what flows from the slave to the master per area; see :meth:`flux`
-    and :meth:`flow`. What is said of displacements and forces above is not used.
+    Surfaces on scalar spaces, such as temperatures, have no gaps: ``qs.Tied()``, the default, makes
+    the field continuous, and ``qs.Conductance(h)`` lets a flux h ⟦T⟧ through. λ, with the sign of
+    ⟦T⟧ = T_s − T_m, is then the flux from the slave to the master; see :meth:`flux` and
+    :meth:`flow`. The arguments for displacements and forces above do not apply.
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
@@ -165,14 +169,15 @@ class Contact:
         TypeError: If a surface or the law is of another type.
 
     Warns:
-        ContactWarning: If hardly anything is paired, the master is much finer and sampled at nodes
-            (the first solve warns of a finer slave, too, with a soft penalty), a tool's facets look
-            turned, the surfaces penetrate each other deeply, or the chord error of facets on
-            conforming surfaces is not small beside their clearance or interference.
+        ContactWarning: If hardly any node is paired; if the master is much finer than the slave and
+            sampled at nodes (the first solve also warns of a finer slave with a soft penalty); if
+            facets of a tool look reversed; if the surfaces penetrate each other deeply; or if the
+            chord error of facets on conforming surfaces is not small compared with their clearance
+            or interference.
 
     Attributes:
-        results: What there is to read after a solve.
-        model: The parts, for the problem and for those who extend the library.
+        results: Results of the last solve.
+        model: The parts of the contact, for the problem and for extensions of the library.
     """
 
     def __init__(
@@ -247,7 +252,7 @@ class Contact:
         return f"<Contact{name}: {self.model.settings.formulation}, with {master}>"
 
     def __setattr__(self, name: str, value: typing.Any) -> None:
-        """Refuse to set what it was made with, or what is read."""
+        """Refuse to set arguments and results."""
         if name not in ("model", "results", "_smoothing"):
             how = {"penalty": "set_penalty(ε)", "dt": "set_dt(Δt)"}.get(name)
             remedy = f"call {how}" if how else "make another contact"
@@ -255,7 +260,7 @@ class Contact:
         super().__setattr__(name, value)
 
     def __getattr__(self, name: str) -> typing.Any:
-        """Any result of :attr:`results`, and what has moved from here, by its name of before."""
+        """Return any result of :attr:`results`, or an attribute that has moved, by its old name."""
         if name.startswith("_") or "results" not in self.__dict__:
             raise AttributeError(f"Contact has no attribute {name!r}", name=name, obj=self)
         if hasattr(ContactResults, name):
@@ -276,7 +281,7 @@ class Contact:
 
     @property
     def name(self) -> str | None:
-        """What messages call it."""
+        """Name of the contact in messages."""
         return self.model.name
 
     @property
@@ -286,19 +291,20 @@ class Contact:
 
     @property
     def law(self) -> Law:
-        """From the gap to the multiplier."""
+        """Contact law: gives the multiplier for a gap."""
         return self.model.law
 
     @property
     def friction(self) -> Friction | None:
-        """The law of friction, None without."""
+        """The law of friction; None without friction."""
         return None if self.model.friction is None else self.model.friction.law
 
     @property
     def sliding(self) -> str:
-        """``"small"``, or ``"finite"``: contact's geometry follows the bodies.
+        """Kind of sliding: ``"small"``, or ``"finite"`` with updated contact geometry.
 
-        If it was left open, a problem with nonlinear bodies, or a time stepper, makes it finite.
+        If the argument was not given, a problem with nonlinear bodies or a time stepper makes it
+        finite.
         """
         return self.model.settings.sliding
 
@@ -309,17 +315,17 @@ class Contact:
 
     @property
     def settings(self) -> ContactSettings:
-        """The other arguments, with what they have left open, and Δt as it is now."""
+        """All arguments, with the values chosen for those not given, and the present Δt."""
         return settings_of(self.model, self._smoothing)
 
     # --- Pairing
 
     def update(self) -> None:
-        """Pair anew, after the meshes of the bodies have been moved. Collective.
+        """Update the contact pairs, after the meshes of the bodies have been moved. Collective.
 
-        Displacements then count from the moved meshes, those of :meth:`set_offset` are forgotten. A
-        tie of displacements keeps its pairs, and counts what meshes and tool have moved since it
-        was made. Forces and gaps stay those of the last solve until the next one.
+        Displacements then count from the moved meshes; those of :meth:`set_offset` are deleted. A
+        tie of displacements keeps its pairs, and adds the motion of the meshes and the tool since
+        the tie was made. Forces and gaps stay those of the last solve until the next solve.
 
         Raises:
             ValueError: If coordinates are not finite or a facet has no area.
@@ -330,11 +336,12 @@ class Contact:
     def allow_overclosure(self, part: float) -> None:
         """Set the part of the initial overclosure that is not resolved, from 0 to 1. Collective.
 
-        Ramped from 1 to 0 over some solves, or in a stepper's ``drive``, it shrinks an interference
-        fit on gradually, where bodies are nonlinear or overclosed by much of an element.
+        Reduce it from 1 to 0 over several solves, or in the ``drive`` of a stepper, to apply an
+        interference fit gradually. This is needed where bodies are nonlinear, or where the
+        overclosure is a large part of an element.
 
         Raises:
-            ValueError: If it is not from 0 to 1, the same on all ranks.
+            ValueError: If ``part`` is not from 0 to 1, or differs between ranks.
         """
         self.model.overclosure.allow(self.comm, part)
         keep(self.model)
@@ -342,12 +349,12 @@ class Contact:
 
     @property
     def pairing(self) -> Pairing:
-        """Pairing points found from nodes this rank owns, of double-pass contact the slave's."""
+        """Contact quadrature points of this rank; in double-pass contact of the slave side."""
         return self.model.pairings[0]
 
     @property
     def num_unpaired(self) -> int:
-        """Nodes that were searched and found no partner, over all passes and ranks. Collective."""
+        """Nodes without a partner, over all integration sides and ranks. Collective."""
         found = sum(gap.points.num_unpaired for gap in self.model.of_sides)
         return int(self.comm.allreduce(found))
 
@@ -355,11 +362,11 @@ class Contact:
 
     @property
     def penalty(self) -> float | None:
-        """ε, stress per length; None as long as an automatic one has not been computed."""
+        """ε, stress per length; None until an automatic penalty has been computed."""
         return self.model.penalty.value
 
     def set_penalty(self, penalty: float) -> None:
-        """Set ε, stress per length, for the solves to come. Collective.
+        """Set ε, stress per length, for the next solves. Collective.
 
         Raises:
             ValueError: If it is not a positive number, the same on all ranks.
@@ -370,15 +377,15 @@ class Contact:
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
-        """Forget the multipliers, friction, and what a law remembers."""
+        """Delete the multipliers, the history of friction and the history variables of the law."""
         multipliers.reset(self.model)
 
     def set_dt(self, dt: float) -> None:
-        """Set Δt (time) for the solves to come. Collective.
+        """Set Δt (time) for the next solves. Collective.
 
         Raises:
-            ValueError: If it is not a positive number, the same on all ranks, or nothing
-                depends on it.
+            ValueError: If it is not a positive number, differs between ranks, or nothing depends
+                on it.
         """
         with checked(self.comm) as same:
             self.model.kinematics.check_dt(dt)
@@ -429,10 +436,11 @@ class Contact:
         return self.results.fields(side)
 
     def report(self) -> ContactReport:
-        """What the contact is and does, to print as a table. Collective.
+        """Return a report of the contact, to print as a table. Collective.
 
-        Pairing, gaps and active nodes as at the last evaluation, the places that are deepest in
-        the other side, nodes that no force reaches; the penalty, and the sizes of surfaces, as they
-        are now. The same on all ranks; it costs about as much as pairing anew.
+        Contact pairs, gaps, active nodes, the places of deepest penetration and the nodes that no
+        force reaches are those of the last evaluation. The penalty and the sizes of the surfaces
+        are the present ones. The report is the same on all ranks. It costs about as much as contact
+        detection.
         """
         return make_report(shown(self.model), self.model.penalty)

@@ -39,8 +39,8 @@ def find_crossing_edges(model: ContactModel) -> str | None:
     place = ", ".join(f"{c:.4g}" for c in x)
     return (
         f"sliding: edges of both surfaces cross near ({place}), {depth:.3g} deep in each other: "
-        '"finite" has points on facets and at vertices; take sliding="small", which has points '
-        "where edges cross, too, or round these edges by several facets"
+        '"finite" has constraints on facets and at vertices only; take sliding="small", which also '
+        "has constraints where edges cross, or round these edges over several facets"
     )
 
 

@@ -42,12 +42,12 @@ EQUAL = 1e-6
 
 @dataclasses.dataclass(frozen=True)
 class DeepPlace:
-    """Where surfaces penetrate each other.
+    """Place where surfaces penetrate each other.
 
     Attributes:
-        x: The point, deformed, shape (gdim,).
-        depth: Of the point in the other surface (length).
-        side: Whose point it is, ``"slave"`` or ``"master"``.
+        x: Deformed position of the point, shape (gdim,).
+        depth: Depth of the point in the other surface (length).
+        side: Side of the point, ``"slave"`` or ``"master"``.
     """
 
     x: tuple[float, ...]

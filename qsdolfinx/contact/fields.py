@@ -27,13 +27,13 @@ SOME = 1e-10
 
 
 class Status(enum.IntEnum):
-    """What a node does, the values of :meth:`qs.Contact.status`."""
+    """Contact status of a node: the values of :meth:`qs.Contact.status`."""
 
-    #: No pairing point reaches it: it is off the surface, or too far from the other one.
+    #: Not in contact detection: off the surface, or too far from the other surface.
     UNPAIRED = 0
-    #: A gap is open.
+    #: Paired, with an open gap.
     OPEN = 1
-    #: In contact, and with friction sticking; a tied node.
+    #: In contact (with friction: sticking), or tied.
     ACTIVE = 2
     #: In contact and slipping.
     SLIPPING = 3

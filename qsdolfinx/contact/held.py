@@ -221,7 +221,7 @@ def _warn_of_stick(model: ContactModel, way: float) -> None:
         HELD,
         f"bcs: Dirichlet conditions move contact nodes that they hold on both sides by {way:.3g} "
         "against each other, which friction=Sticking() does not allow: no force acts there; take "
-        "a law with a limit, such as Coulomb, or prescribe the same on both sides",
+        "a law with a limit, such as Coulomb, or prescribe the same motion on both sides",
     )
 
 
@@ -405,9 +405,9 @@ def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) 
     tell(
         model,
         HELD,
-        f"bcs: Dirichlet conditions {what} by {depth:.3g}, which contact cannot change: its force "
-        "at these nodes means nothing; prescribe the same on both sides, hold one of them alone, "
-        "or leave these nodes out of the contact surfaces",
+        f"bcs: Dirichlet conditions {what} by {depth:.3g}, which contact cannot change: contact "
+        "forces at these nodes have no meaning; prescribe the same motion on both sides, prescribe "
+        "it on one side only, or leave these nodes out of the contact surfaces",
     )
 
 

@@ -100,13 +100,13 @@ def _text(num_turned: int, num_near: int, num_facets: int, low: Array, high: Arr
     """The warning of one shell."""
     low_text, high_text = (", ".join(f"{c:.4g}" for c in corner) for corner in (low, high))
     return (
-        f"normals: {num_turned} of {num_near} slave facets that are near one connected shell of "
-        f"the tool ({num_facets} facets, made from ({low_text}) to ({high_text})) have a wall "
-        "beside them that faces away, and for a partner an opposite wall or none: the shell's "
-        "orientation seems to be that of a solid where it is to be a cavity, or the other way "
-        "round, or else the slave's facets are on the wrong side of the body. The tool's normals "
-        "must point to the workpiece: reverse the shell's facets, triangles[:, ::-1], or in the "
-        "program that wrote the file, or give from_mesh a point inside=... on the other side"
+        f"normals: {num_turned} of {num_near} slave facets near one connected shell of the tool "
+        f"({num_facets} facets, made from ({low_text}) to ({high_text})) are beside a wall that "
+        "faces away from them, and have an opposite wall as a partner, or none: the shell's "
+        "orientation seems to be that of a solid instead of a cavity, or the reverse, or the "
+        "slave's facets are on the wrong side of the body. The tool's normals must point to the "
+        "workpiece: reverse the shell's facets (triangles[:, ::-1], or in the program that wrote "
+        "the file), or give from_mesh a point inside=... on the other side"
     )
 
 

@@ -217,8 +217,8 @@ class Penalty:
         """
         if self.value is None:
             raise RuntimeError(
-                'penalty="auto" is computed by the first solve, which has not been; '
-                "problem.set_up() computes it before"
+                'penalty="auto" has not been computed yet, which the first solve does: '
+                "call problem.set_up() to compute it before"
             )
         return self.value
 

@@ -16,7 +16,7 @@ NOTICED = 0.01
 
 
 class ReachWarning(ContactWarning):
-    """Points have passed through the other surface, or lie deeper in it than contact can see."""
+    """Points have passed through the other surface without being found by contact detection."""
 
 
 def find_passed_through(model: ContactModel) -> str | None:
@@ -39,8 +39,8 @@ def find_passed_through(model: ContactModel) -> str | None:
         found = deepest_crossing(model, before, moved, radius, NOTICED * model.paired.facet_size)
     except DegenerateFacetsError as error:
         return (
-            f"{error}: whether surfaces have passed through each other is not known; the solution "
-            "is that of the equations, but hardly of what is meant"
+            f"{error}: it is not known whether surfaces have passed through each other; the "
+            "solution satisfies the equations, but is probably not the one that is meant"
         )
     if found is None:
         return None

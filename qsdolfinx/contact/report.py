@@ -1,4 +1,4 @@
-"""What a contact is and does, in numbers that are the same on all ranks, as a table."""
+"""Report of a contact as a table of numbers, the same on all ranks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class SideReport:
         nodes: Contact nodes.
         area: Area (2D: length); None for a rigid tool.
         facet_sizes: Smallest and largest facet (length).
-        found: Nodes that found a partner; None if the side's nodes are not searched for one.
+        found: Nodes that found a partner; None if no partner is searched for the nodes.
     """
 
     nodes: int
@@ -51,7 +51,7 @@ class SideReport:
 
     @property
     def missed(self) -> int | None:
-        """Nodes that found no partner; None if they are not searched for one."""
+        """Nodes that found no partner; None if no partner is searched for the nodes."""
         return None if self.found is None else self.nodes - self.found
 
     def __str__(self) -> str:
@@ -64,42 +64,43 @@ class SideReport:
 
 @dataclasses.dataclass(frozen=True)
 class ContactReport:
-    """What :meth:`qs.Contact.report` returns; ``print`` shows it as a table.
+    """Report that :meth:`qs.Contact.report` returns; ``print`` shows it as a table.
 
     Attributes:
         slave: The slave's side.
-        master: The master's, None for a tool with an analytic shape.
-        points: Pairing points, of all passes.
-        covered: Area that the points stand for over the area of the slave. At nodes a master that
-            extends beyond the slave can make it more than 1.
+        master: The master's side; None for a tool with an analytic shape.
+        points: Contact quadrature points of all integration sides.
+        covered: Area that the contact quadrature points represent over the area of the slave. With
+            nodal quadrature, a master that extends beyond the slave can make it more than 1.
         missed_facets: On the overlay, facets that found no partner; else 0.
         gap: Smallest and largest weighted gap at the last evaluation (length, positive in
-            penetration; of tied contact the size of the jump); None if nothing is paired.
+            penetration; for tied contact the size of the relative displacement); None if nothing is
+            paired.
         weighted_penetration: :meth:`qs.Contact.weighted_penetration` (length).
-        penetration: :meth:`qs.Contact.penetration` (length), the true one; None if a deformed
+        penetration: True penetration, :meth:`qs.Contact.penetration` (length); None if a deformed
             facet has no area.
-        deepest: Up to three places that are deepest in the other side, not beside each other.
-        advice: What to do if an augmented Lagrangian has closed the weighted gaps, and the true
+        deepest: Up to three places of deepest penetration, not beside each other.
+        advice: Advice if an augmented Lagrangian has closed the weighted gaps, but the true
             penetration is more than a hundredth of the smallest facet; otherwise empty.
-        active: Rows (nodes with a multiplier, or points) in contact; None before the first solve
-            with an automatic penalty.
-        rows: Rows.
-        touching: Corners of the smallest box around the slave's nodes in contact, where they are
-            now, each of shape (gdim,); None if none is.
+        active: Active constraints (at nodes with a multiplier, or at points); None before the first
+            solve with an automatic penalty.
+        rows: Number of constraints.
+        touching: Corners of the smallest box around the slave's nodes in contact, at their deformed
+            positions, each of shape (gdim,); None if no node is in contact.
         slipping: Nodes in contact that slip; None without friction.
-        unloaded: Nodes of the master within reach of the slave that no force can ever load,
-            because no pairing point of a multiplier is beside them.
-        penalty: ε (stress per length), None before an automatic one is computed.
-        penalty_source: How it was chosen.
+        unloaded: Nodes of the master within the search distance of the slave that never receive a
+            force, because no contact quadrature point of a multiplier is beside them.
+        penalty: ε (stress per length); None until an automatic penalty is computed.
+        penalty_source: How the penalty was chosen.
         stiffness_ratio: ε over the stiffness of the softer body's contact nodes, the mean of
             K_kk / S_k; None before the first solve.
-        overclosure: Penetration at the first pairing (length).
-        treatment: What becomes of it, ``initial_overclosure``.
-        search_radius: Distance (length) beyond which nothing is paired.
+        overclosure: Penetration at the first contact detection (length).
+        treatment: How this penetration is treated, see ``initial_overclosure``.
+        search_radius: Search distance (length) beyond which nothing is paired.
         method: Formulation, quadrature, normals and constraints.
         law: Law, enforcement and friction.
         motion: Unknowns of the bodies, and Δt.
-        is_scalar: Whether fields are scalar, and gaps their jumps.
+        is_scalar: Whether fields are scalar; gaps are then the differences of the field.
     """
 
     slave: SideReport
@@ -130,18 +131,18 @@ class ContactReport:
 
     @property
     def conditioning(self) -> str:
-        """What penalty over stiffness means for gaps and for linear solvers."""
+        """Effect of the ratio of penalty to stiffness on gaps and linear solvers, in words."""
         ratio = self.stiffness_ratio
         if ratio is None:
             return "penalty / stiffness is known after the first solve"
         text = f"penalty / stiffness of the softer side {ratio:.3g}: "
         if ratio < 1:
-            return text + "soft, gaps as large as the strain of a layer of cells"
+            return text + "soft, gaps are as large as the deformation of a layer of cells"
         if ratio <= MODERATE:
             return text + "moderate, any linear solver"
         if ratio < EXTREME:
             return text + "stiff, iterative solvers take several times the iterations"
-        return text + f"a direct solver's error may be {1e-15 * ratio:.0e}, iterative ones fail"
+        return text + f"errors of direct solvers up to {1e-15 * ratio:.0e}, iterative solvers fail"
 
     def _depths(self) -> list[tuple[str, str]]:
         """Lines on how deep the surfaces are in each other, where, and what to do about it."""
@@ -156,9 +157,9 @@ class ContactReport:
         parts = [f"{self.points} points, {100 * self.covered:.4g} % of the slave's area"]
         if self.missed_facets:
             parts.append(f"{self.missed_facets} facets without a partner")
-        active = f"not solved yet, {self.rows} rows"
+        active = f"not solved yet, {self.rows} constraints"
         if self.active is not None:
-            active = f"{self.active} of {self.rows} rows"
+            active = f"{self.active} of {self.rows} constraints"
         if self.touching is not None:
             ends = ["(" + ", ".join(f"{x:.4g}" for x in corner) + ")" for corner in self.touching]
             active += f", from {ends[0]} to {ends[1]}"
@@ -352,13 +353,13 @@ def _advice(model: ContactModel, depth: float | None) -> str:
         return ""
     cure = "take finer facets"
     if chords(model):
-        return f'facets stand for curves: {cure}, or smoothing with quadrature="overlay"'
+        return f'facets approximate curves: {cure}, or smoothing with quadrature="overlay"'
     if at_points:
-        return f"facets are too coarse for what they meet, points of them are deep: {cure}"
+        return f"facets are too coarse for the other surface, their points penetrate: {cure}"
     cure += ', or constraints="points"'
     if settings.sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
-    return f"weighted gaps are closed and points are not: {cure}"
+    return f"weighted gaps are closed, but points still penetrate: {cure}"
 
 
 def _unloaded(model: ContactModel) -> int:

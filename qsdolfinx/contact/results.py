@@ -84,7 +84,7 @@ def slip_of(model: ContactModel, side: str) -> Slip:
     """
     gap_of(model, side)
     if not model.slips:
-        raise ValueError("friction: this contact has none")
+        raise ValueError("friction: this contact has no friction")
     return model.slips[SIDES.index(side)]
 
 
@@ -124,7 +124,7 @@ def memory(model: ContactModel, name: str, side: str) -> Array:
         ValueError: If the law remembers nothing of that name.
     """
     known = sorted(model.law.memory)
-    require(name in model.law.memory, f"name: the law remembers {known}, not {name!r}")
+    require(name in model.law.memory, f"name: the law has memory {known}, not {name!r}")
     return gap_of(model, side).memory[name].copy()
 
 
@@ -399,7 +399,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
     surface = deformable(surface_of(model, side))
     if surface is None:
         raise ValueError(
-            "side: a rigid tool has no traction; what acts on it is minus that of the slave"
+            "side: a rigid tool has no traction; take the traction of the slave, times -1"
         )
     with _force_vec(model, side, part, whole_body=True) as vec:
         return recover(surface, vec, _areas(model, side))

@@ -1,4 +1,4 @@
-"""What a contact was made with, to read: the object ``contact.settings``."""
+"""Arguments of a contact, read-only: the object ``contact.settings``."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ from qsdolfinx.pairing.relief import Side
 
 @dataclasses.dataclass(frozen=True)
 class ContactSettings:
-    """Arguments of :class:`qs.Contact`, with what was chosen where they were left open.
+    """Arguments of :class:`qs.Contact`, with the values chosen for those not given.
 
     Attributes:
-        name: What messages call it.
-        law: From the gap to the multiplier.
-        friction: The law of friction; None without.
+        name: Name of the contact in messages.
+        law: Contact law: gives the multiplier for a gap.
+        friction: The law of friction; None without friction.
         sliding: ``"small"`` or ``"finite"``.
-        formulation: Which surfaces are sampled, and which carry multipliers.
+        formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``: determines
+            which surfaces are sampled, and which carry multipliers.
         enforcement: ``"penalty"`` or ``"augmented-lagrangian"``.
         penalty: ε (stress per length); None until an automatic one has been computed.
-        friction_penalty: ε in tangential direction, as given; None for that of the gaps.
+        friction_penalty: ε in tangential direction, as given; None for the penalty of the gaps.
         penalty_source: How ε was chosen, in words.
         gap_tolerance: Gap that multipliers may leave, in units of the smallest facet.
         allowed_gap: The same as a length.
-        constraints: Where the law is asked for a multiplier, at ``"nodes"`` or ``"points"``.
-        initial_overclosure: What becomes of penetration at the first pairing.
-        search_radius: Distance (length) beyond which nothing is paired; the largest of any place.
+        constraints: Where the contact law is evaluated, at ``"nodes"`` or ``"points"``.
+        initial_overclosure: How penetration at the first contact detection is treated.
+        search_radius: Search distance (length) beyond which nothing is paired; if it varies, the
+            largest value.
         quadrature: ``"nodal"`` or ``"overlay"``.
-        quadrature_degree: Degree of the rule on the pieces of the overlay.
+        quadrature_degree: Degree of the rule on the segments of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
-        smoothing: What gaps are measured between.
+        smoothing: Surfaces between which gaps are measured, see :class:`qs.Contact`.
         unknown: ``"displacement"`` or ``"velocity"``, of the slave's and the master's body.
         dt: Δt (time); None if nothing depends on it.
     """

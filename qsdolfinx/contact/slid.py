@@ -45,9 +45,9 @@ def find_slid(model: ContactModel) -> str | None:
         return None
     finite = 'sliding="finite", or ' if model.sliding_is_open else ""
     return (
-        f"sliding: what is in contact has slid by {way:.3g} facets since it was paired, and small "
-        f"sliding keeps points and normals as they were then: take {finite}time steps "
-        '(qs.TimeStepper); sliding="small" says that this is wanted'
+        f"sliding: the contact has slid by {way:.3g} facets since contact detection, but small "
+        f"sliding keeps the points and normals found then: take {finite}time steps "
+        '(qs.TimeStepper); give sliding="small" if this is intended'
     )
 
 

@@ -25,8 +25,8 @@ def find_turned_tie(model: ContactModel) -> str | None:
     if share <= NOTICED:
         return None
     return (
-        "sliding: tied surfaces with a gap between them have turned so far since they were paired "
-        f"that small rotations of this gap make {min(share, 1.0):.0%} of the largest traction: "
+        "sliding: tied surfaces with a gap between them have rotated so far since they were paired "
+        f"that the linearised rotation causes {min(share, 1.0):.0%} of the largest traction: "
         'take sliding="finite", or smaller steps of a TimeStepper'
     )
 

@@ -1,4 +1,4 @@
-"""Friction laws: from slip and contact pressure to the tangential multiplier, at rows of a gap."""
+"""Friction laws: tangential multiplier from slip and contact pressure, at each constraint."""
 
 from __future__ import annotations
 
@@ -26,26 +26,29 @@ CHANGING = (np.arange(8) + 0.5) / 8
 
 
 class Rows(typing.NamedTuple):
-    """What a friction law knows about the rows of a weighted gap.
+    """Input of a friction law, for each constraint.
+
+    "Rows" in shapes is the number of constraints.
 
     Attributes:
-        slip: Tangential part of the jump's change since the step began, or the row closed in it, g
-            (length), (rows, gdim).
-        traction: Multiplier τ̂ that the trial starts from (stress), tangential, (rows, gdim).
+        slip: Slip g (length): tangential part of the change of the relative displacement since the
+            step began, or since the constraint became active in it, (rows, gdim).
+        traction: Tangential multiplier τ̂ from which the trial starts (stress), (rows, gdim).
         pressure: Normal multiplier λ ≥ 0 (stress), (rows,).
-        closed: Rows in contact, (rows,).
-        unlimited: Rows to be evaluated as if there were no limit, (rows,).
-        penalty: ε of each row in tangential direction (stress per length), (rows,).
-        projector: On the tangent plane, (rows, gdim, gdim).
-        cover: Part of the row's area that pairing points stand for: what g is to be divided by for
-            a mean slip, (rows,).
-        dt: Δt (time), None if there is none.
-        slow: Slip rate (length per time) that is slow in the scene; None if friction knows no rate.
+        closed: Active constraints, (rows,).
+        unlimited: Constraints to be evaluated as if there were no limit, (rows,).
+        penalty: ε of each constraint in tangential direction (stress per length), (rows,).
+        projector: Projector on the tangent plane, (rows, gdim, gdim).
+        cover: Mortar weight of the covered support over the area of the constraint: g divided by it
+            is a mean slip, (rows,).
+        dt: Δt (time); None if there is none.
+        slow: Slip rate (length per time) that counts as slow in this problem; None if friction does
+            not depend on rates.
         parameters: Values of the law's parameters, (rows,) each.
-        share: Part of the step in which the row has been in contact, above 0: slip is that of this
-            time, share Δt, (rows,).
-        pressed: λ at the start of the step, 0 of rows that were open then, (rows,).
-        goes_on: Rows to be evaluated as slipping wherever their trial is, (rows,); None for none.
+        share: Part of the step, above 0, in which the constraint was active: g is the slip within
+            the time share Δt, (rows,).
+        pressed: λ at the start of the step; 0 for constraints that were inactive then, (rows,).
+        goes_on: Constraints to be evaluated as slipping for any trial, (rows,); None for none.
     """
 
     slip: Array
@@ -65,16 +68,16 @@ class Rows(typing.NamedTuple):
 
 
 class Response(typing.NamedTuple):
-    """What a friction law answers.
+    """Result of a friction law, for each constraint.
 
     Attributes:
         traction: Multiplier τ (stress); the friction on the slave is −τ, (rows, gdim).
         stiffness: D = ∂τ/∂g (stress per length), (rows, gdim, gdim).
         coupling: ∂τ/∂λ, (rows, gdim).
-        slipping: Closed rows that slip, (rows,).
-        dissipative: Part of g on which the work of τ is lost (length), (rows, gdim).
-        secant: |τ| over the slip that it belongs to (stress per length), (rows,): τ's rigidity if
-            its direction were free to follow g.
+        slipping: Active constraints that slip, (rows,).
+        dissipative: Dissipative part of the slip g (length), (rows, gdim).
+        secant: |τ| over the corresponding slip (stress per length), (rows,): the stiffness of τ if
+            its direction could follow g freely.
     """
 
     traction: Array
@@ -86,13 +89,13 @@ class Response(typing.NamedTuple):
 
 
 class Friction(abc.ABC):
-    """Tangential multipliers τ_k on the slave nodes; they act through the weighted jump.
+    """Base class of friction laws: tangential multipliers τ_k that act on the weighted slip.
 
-    A law with a limit that does not vanish with the pressure lets τ jump to zero when a node opens.
-    Where such a node can be neither open nor closed with the whole of τ, it is closed without any
-    pressure and with a part of τ, see ``fill``. With ``constraints="points"`` the law is asked at
-    each pairing point, see ``PointFriction``, and |τ| is at most 3 times the pressure
-    there.
+    With a law whose limit does not vanish with the pressure, τ jumps to zero when a node opens.
+    There may be no equilibrium with such a node open, nor with the node in contact and the full τ.
+    The node is then in contact with zero pressure and a part of τ, see ``fill``. With
+    ``constraints="points"`` the law is evaluated at each contact quadrature point, see
+    ``PointFriction``, and |τ| is at most 3 times the pressure there.
 
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
@@ -109,11 +112,11 @@ class Friction(abc.ABC):
     symmetric: bool = True
     #: Whether τ jumps to zero when a node opens.
     jumps: bool = True
-    #: Whether |τ| is bounded, so that part of it is what rows on the edge of contact may have.
+    #: Whether |τ| is bounded: constraints at the edge of contact may then have a part of it.
     is_bounded: bool = True
     #: Whether τ depends on the slip rate, and so on Δt.
     needs_dt: bool = False
-    #: Whether it has to be told which slip rate is slow.
+    #: Whether it needs a slip rate that counts as slow.
     needs_rate: bool = False
 
     def __init__(self, **parameters: Parameter) -> None:
@@ -131,12 +134,12 @@ class Friction(abc.ABC):
 
     @abc.abstractmethod
     def respond(self, rows: Rows) -> Response:
-        """τ and its derivatives."""
+        """Compute τ and its derivatives."""
 
     def growth(self, rows: Rows) -> Array:
-        """Mean of |τ| in the step over |τ| at its end, as far as the pressure changes it, (rows,).
+        """Mean of |τ| in the step over |τ| at its end, (rows,), for a changing pressure.
 
-        For the energy that friction takes; 1 where τ does not depend on the pressure.
+        Used for the energy dissipated by friction; 1 where τ does not depend on the pressure.
         """
         return np.ones_like(rows.pressure)
 
@@ -144,10 +147,10 @@ class Friction(abc.ABC):
 class Limited(Friction):
     """Sticks while |τ| is below a limit κ(λ), and slips in the direction of τ at the limit.
 
-    Return mapping: the trial τ̂ + ε g is kept where it is below κ, and otherwise scaled to it. With
-    a penalty τ̂ is the multiplier at the end of the last step, so that a stick is elastic with the
-    stiffness ε; an augmented Lagrangian updates τ̂ until the stick is rigid and slip and τ have the
-    same direction.
+    Return mapping: the trial τ̂ + ε g is kept where it is below κ, and otherwise scaled to κ. With
+    a penalty, τ̂ is the multiplier at the end of the last step, so that sticking is elastic with
+    the stiffness ε. With an augmented Lagrangian, sticking is rigid, and slip and τ have the same
+    direction.
     """
 
     @abc.abstractmethod
@@ -179,7 +182,7 @@ class Limited(Friction):
         )
 
     def growth(self, rows: Rows) -> Array:
-        """Mean of the limit over that at the end, if the pressure changes at a constant rate."""
+        """Mean of the limit over its value at the end, for a constant rate of the pressure."""
         end, change = self.limit(rows)[0], rows.pressure - rows.pressed
         between = [rows.pressed + x * change for x in CHANGING]
         limits = [self.limit(rows._replace(pressure=pressure))[0] for pressure in between]
@@ -210,9 +213,9 @@ class Tresca(Limited):
     """Tresca's law |τ| ≤ κ at nodes in contact.
 
     τ jumps to zero where a node opens, so that a step in which nodes open can have more than one
-    equilibrium: which one is found may depend on the order of bodies and on the number of ranks.
-    :class:`CoulombTresca`, whose bound vanishes with the pressure, has no such jump; nor has
-    ``constraints="points"``.
+    equilibrium. The equilibrium that is found may depend on the order of bodies and on the number
+    of ranks. :class:`CoulombTresca`, whose limit vanishes with the pressure, has no such jump.
+    ``constraints="points"`` avoids the jump, too.
 
     Args:
         limit: κ, stress.
@@ -232,7 +235,7 @@ class CoulombTresca(Limited):
 
     Args:
         mu: Coefficient of friction μ.
-        m_bar: Friction factor m̄, from 0 to 1; of a Constant or Function that is not checked.
+        m_bar: Friction factor m̄, from 0 to 1; for a Constant or Function this is not checked.
         flow_stress: σ₀, stress.
     """
 
@@ -254,7 +257,7 @@ class CoulombTresca(Limited):
 
 
 class Sticking(Limited):
-    """No slip at nodes in contact; at points none up to a friction of 3 pressures."""
+    """Sticking friction: no slip in contact; at points as long as |τ| ≤ 3 times the pressure."""
 
     is_bounded = False
 
@@ -267,16 +270,16 @@ class Sticking(Limited):
 class Norton(Friction):
     """Viscoplastic friction τ = α K |Δv|^(q−1) Δv at nodes in contact, −τ acting on the slave.
 
-    |Δv| is regularised as √(|Δv|² + v₀²), so that the law is linear for slip rates well below v₀,
-    and τ changes by a factor of less than 1 + ½ |q − 1| (v₀/|Δv|)² above.
+    |Δv| is regularised as √(|Δv|² + v₀²): the law is linear for slip rates well below v₀. Above v₀
+    this changes τ by a factor of less than 1 + ½ |q − 1| (v₀/|Δv|)².
 
     Args:
         alpha: α, dimensionless.
         K: Consistency K, stress × (time/length)^q.
         q: Sensitivity to the slip rate, above 0.
-        v0: Slip rate v₀ (length per time); by default 1e-3 of the largest one of the first step in
-            which anything slips, and of a later one in which all is at least 5 times slower:
-            whatever Δt is.
+        v0: Slip rate v₀ (length per time). By default 1e-3 of the largest slip rate in the first
+            step with slip, for any Δt. It is computed again in a later step in which the largest
+            slip rate is at least 5 times smaller.
     """
 
     needs_dt = True

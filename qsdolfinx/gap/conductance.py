@@ -1,4 +1,4 @@
-"""Conductances of rough surfaces, and how the heat of friction is shared."""
+"""Conductances of rough surfaces, and the share of the heat of friction of each body."""
 
 from __future__ import annotations
 
@@ -29,23 +29,25 @@ def rough_surfaces(
     roughness: float | None = None,
     radiation: float = 0.0,
 ) -> ConductanceLaw:
-    """Conductance h of rough surfaces: k̄ p/H̄ of the spots that touch, beside gas and radiation.
+    """Conductance h of rough surfaces: the sum of solid spots, gas, and radiation.
 
-    k̄ and H̄ are harmonic means. Gas conducts with k_gas/(g + δ), of distance g and roughness δ, and
-    radiation with σ_r (T_s² + T_m²)(T_s + T_m), of absolute temperatures. All arguments are given
-    by name: ``rough_surfaces(slave=(16.2, 129.0), master=(210.0, 15.0))``.
+    Touching spots conduct with k̄ p/H̄, where k̄ and H̄ are harmonic means. Gas conducts with
+    k_gas/(g + δ), for the distance g and the roughness δ. Radiation conducts with
+    σ_r (T_s² + T_m²)(T_s + T_m), for absolute temperatures. All arguments are given by name:
+    ``rough_surfaces(slave=(16.2, 129.0), master=(210.0, 15.0))``.
 
     Args:
-        unnamed: Refused: pairs without a name can be of a body or of a property.
+        unnamed: Not allowed: a pair without a name can belong to a body or to a property.
         slave: Conductivity k (power per length and temperature) and hardness H (stress) of the
             slave.
         master: The same of the master.
-        conductivity: In place of slave and master, with hardness: k of slave and master.
-        hardness: H of the two.
-        gas: Conductivity of what is between them.
+        conductivity: Instead of ``slave`` and ``master``, together with ``hardness``: k of slave
+            and master.
+        hardness: H of slave and master.
+        gas: Conductivity k_gas of the medium between the surfaces.
         roughness: δ (length), needed with gas.
-        radiation: σ_r, power per area and temperature⁴: Stefan and Boltzmann's constant, with the
-            emissivities.
+        radiation: σ_r, power per area and temperature⁴: the Stefan-Boltzmann constant times the
+            factor of the emissivities.
 
     Raises:
         TypeError: If pairs have no name, or are given both by body and by property.
@@ -82,7 +84,7 @@ def effusivity_share(
     Both are given by name: ``effusivity_share(slave=(16.2, 4.0), master=(210.0, 3.6))``.
 
     Args:
-        unnamed: Refused, as by :func:`rough_surfaces`.
+        unnamed: Not allowed, as in :func:`rough_surfaces`.
         slave: Conductivity k (power per length and temperature) and heat capacity per volume c
             (energy per volume and temperature) of the slave.
         master: The same of the master.

@@ -403,8 +403,8 @@ class Following:
         missed = comm.allreduce(found.num_missed, op=MPI.SUM)
         if missed:
             raise NoGapError(
-                f"{missed} pieces of curved contact facets have rays that meet no point of the "
-                "facet opposite: the facets are too curved for their size"
+                f"{missed} segments of curved contact facets have rays that meet no point of the "
+                "opposite facet: the facets are too curved for their size"
             )
         node_area = self._cutter.node_area(places)
         alone = self._alone(found, vertices, node_area)

@@ -51,7 +51,7 @@ class Kinematics:
         #: Of the slave and of the master.
         self.unknown: tuple[str, str] = unknowns_of(unknown, rigid_master)
         if "velocity" in self.unknown or rates:
-            why = "dt: must be given: velocities, or friction or its heat, are rates"
+            why = "dt: must be given, since velocities, friction or heat of friction depend on it"
             require(dt is not None, why)
             check(POSITIVE, dt=dt)
         else:

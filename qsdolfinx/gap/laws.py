@@ -1,4 +1,4 @@
-"""Contact laws: from the weighted gap to the multiplier, at each slave node."""
+"""Contact laws: multiplier from the weighted gap, at each slave node."""
 
 from __future__ import annotations
 
@@ -32,55 +32,57 @@ H = Kind(
 
 
 class Law(abc.ABC):
-    """A convex energy φ of the weighted gap: Φ = Σ S_k φ(ḡ_k), with multiplier λ_k = φ'(ḡ_k).
+    """Base class of contact laws: convex energy φ of the weighted gap, Φ = Σ S_k φ(ḡ_k).
 
-    A law may remember: ``memory`` names numbers of each slave node, and :meth:`energy`,
-    :meth:`multiplier`, :meth:`slope` and :meth:`commit` are given, by these names, arrays (rows,)
-    of what they were when the step began. See the page "A contact law of my own".
+    The multiplier is λ_k = φ'(ḡ_k). A law may have history variables: ``memory`` names the
+    variables, one number of each name at each slave node. :meth:`energy`, :meth:`multiplier`,
+    :meth:`slope` and :meth:`commit` receive their values at the start of the step as keyword
+    arguments of these names, arrays of shape (rows,). "Rows" in shapes is the number of
+    constraints. See the page "A contact law of my own".
     """
 
-    #: Whether the law acts on the whole jump vector (True) or on the normal gap (False).
+    #: Whether the law acts on the whole relative displacement (True) or on the normal gap (False).
     jump: bool
     #: Whether λ is linear in the gap: contact then adds a constant matrix.
     linear: bool
-    #: What the law remembers of each slave node, by name, and its first value.
+    #: Names of the history variables of each slave node, and their initial values.
     memory: typing.Mapping[str, float] = {}
 
     @abc.abstractmethod
     def energy(self, gap: Array, penalty: Array, **memory: Array) -> Array:
-        """φ(ḡ), energy per area at each row, shape (rows,)."""
+        """Energy φ(ḡ) per area for each constraint, shape (rows,)."""
 
     @abc.abstractmethod
     def multiplier(self, gap: Array, penalty: Array, **memory: Array) -> Array:
-        """λ = φ'(ḡ), stress, of the gap's shape (rows, 1) or (rows, gdim)."""
+        """Multiplier λ = φ'(ḡ), stress, of the gap's shape (rows, 1) or (rows, gdim)."""
 
     @abc.abstractmethod
     def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
-        """φ''(ḡ) ≥ 0 at each row, stress per length, shape (rows,).
+        """Slope φ''(ḡ) ≥ 0 for each constraint, stress per length, shape (rows,).
 
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
-            penalty: ε of each row, stress per length, shape (rows,).
+            penalty: ε of each constraint, stress per length, shape (rows,).
             touching: Gaps above ``-touching`` (length) count as closed.
-            memory: What the law remembers, by name, (rows,).
+            memory: History variables by name, (rows,).
         """
 
     def commit(self, gap: Array, penalty: Array, **memory: Array) -> typing.Mapping[str, Array]:
-        """What the law remembers from the end of a step on, by name, (rows,).
+        """Return the history variables at the end of a step, by name, (rows,).
 
-        It is asked once a step, with the gaps of its solution; a step that is made again with a
-        smaller Δt begins with what there was.
+        It is called once in each step, with the gaps of the solution. A step that is made again
+        with a smaller Δt starts from the history variables at the start of the step.
 
         Args:
             gap: Weighted gaps at the end of the step.
             penalty: As for :meth:`slope`.
-            memory: What the law remembered when the step began.
+            memory: History variables at the start of the step.
         """
         return memory
 
 
 class JumpLaw(Law):
-    """A law that is linear in the whole jump: λ = ε ⟦u⟧, of the field's components."""
+    """Law that is linear in the relative displacement: λ = ε ⟦u⟧, for all field components."""
 
     jump = True
     linear = True
@@ -99,9 +101,9 @@ class JumpLaw(Law):
 
 
 class Tied(JumpLaw):
-    """Bilateral sticking contact: λ = ε ⟦u⟧, both signs, all components.
+    """Tied contact (bilateral, sticking): λ = ε ⟦u⟧, both signs, all components.
 
-    The jump is that of the unknown alone: an initial gap stays as it is.
+    ⟦u⟧ is the difference of the unknowns alone: an initial gap stays as it is.
     """
 
 
@@ -122,28 +124,29 @@ class Unilateral(Law):
     def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
         """φ'' = ε where the gap is closed: a semi-smooth derivative of [·]₊.
 
-        A gap closed to rounding error counts as closed, so that bodies that just touch at the start
-        hold each other.
+        A gap that is closed up to rounding errors counts as closed, so that bodies that just touch
+        at the start support each other.
         """
         return np.where(gap[:, 0] >= -touching, penalty, 0.0)
 
 
 class Conductance(JumpLaw):
-    """Flux q = h ⟦T⟧ from the slave to the master, at each pairing point: Φ = ½ Σ w_p h_p ⟦T⟧².
+    """Conductance law: flux q = h ⟦T⟧ from the slave to the master at each quadrature point.
 
-    It is the penalty ε of a law that is linear in the jump, place by place.
+    The energy is Φ = ½ Σ w_p h_p ⟦T⟧²: at each point h_p takes the place of the penalty ε of a law
+    that is linear in the temperature difference ⟦T⟧.
 
     Args:
         h: Heat per time, area and temperature: a number, a ``fem.Constant``, or a function of
-            arrays over the points, ``h(p, g)`` or ``h(p, g, T_slave, T_master)``, of the pressure p
-            (stress, not negative) and the distance g (length, 0 in contact) of the contact that
-            ``of`` names, see :class:`qs.Contact`. It should be smooth: the tangent has its
-            derivatives by differences, those by p and g where displacement and field are parts of
-            one mixed unknown.
-        tool: Temperature of a rigid tool, number or Constant; needed if the master is one.
-        friction: Share of the heat of friction of the contact ``of`` that goes into the slave, from
-            0 to 1, such as :func:`qs.effusivity_share`; the rest goes into the master, or a tool.
-            None: that heat is left out.
+            arrays over the points, ``h(p, g)`` or ``h(p, g, T_slave, T_master)``. p is the pressure
+            (stress, not negative) and g the distance (length, 0 in contact) of the contact given as
+            ``mechanics``, see :class:`qs.Contact`. h should be smooth: the tangent has its
+            derivatives by differences. Derivatives by p and g are included where displacement and
+            field are parts of one mixed unknown.
+        tool: Temperature of a rigid tool, a number or a Constant; needed if the master is a tool.
+        friction: Share, from 0 to 1, of the heat of friction of the contact ``mechanics`` that goes
+            into the slave, such as :func:`qs.effusivity_share`. The rest goes into the master or
+            the tool. None: no heat of friction.
     """
 
     def __init__(
@@ -166,10 +169,10 @@ class Conductance(JumpLaw):
 
     @property
     def numbers(self) -> dict[str, float | None]:
-        """What has to be the same on all ranks, as it is now.
+        """Present values of the numbers that have to be the same on all ranks.
 
         Raises:
-            ValueError: If h is negative, or one of them not finite.
+            ValueError: If h is negative, or a number is not finite.
         """
         h = None if self.of_state else _value("h", self.h)
         check(either(NOT_NEGATIVE, None), h=h)
@@ -184,23 +187,23 @@ class Conductance(JumpLaw):
 
     @property
     def of_temperature(self) -> bool:
-        """Whether it is one of the temperatures as well."""
+        """Whether h is also a function of the temperatures."""
         return self._num_arguments == 4
 
     @property
     def tool_temperature(self) -> float:
-        """Temperature of a rigid tool; 0 of none."""
+        """Temperature of the rigid tool; 0 if there is none."""
         return 0.0 if self.tool is None else _value("tool", self.tool)
 
     def values(self, num_points: int, state: typing.Sequence[Array] = ()) -> Array:
-        """H at the points, shape (points,).
+        """Values of h at the points, shape (points,).
 
         Args:
-            num_points: Points on this rank.
-            state: p, g, and both temperatures if it depends on them.
+            num_points: Number of points on this rank.
+            state: p, g, and both temperatures if h depends on them.
 
         Raises:
-            ValueError: If it is negative or not finite.
+            ValueError: If h is negative or not finite.
         """
         if not self.of_state:
             return np.full(num_points, _value("h", self.h))
@@ -212,7 +215,7 @@ class Conductance(JumpLaw):
         if wrong.any():
             i = int(np.argmax(wrong))
             at = ", ".join(f"{values[i]:.6g}" for values in state)
-            raise ValueError(f"h: gives {out[i]:.6g} at ({at}), negative or not finite")
+            raise ValueError(f"h: must be finite and not negative, not {out[i]:.6g} at ({at})")
         return out
 
 

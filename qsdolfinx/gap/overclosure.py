@@ -88,8 +88,8 @@ class Overclosure:
             raise ValueError(
                 f"initial_overclosure: the surfaces penetrate each other by {self.depth:.6g} "
                 f"({self.depth / facet_size:.3g} of the smallest facet) at "
-                f"({', '.join(f'{v:.6g}' for v in place)}); move a mesh, or choose "
-                '"resolve", which presses the bodies apart, or "ignore"'
+                f"({', '.join(f'{v:.6g}' for v in place)}): move a mesh, or choose "
+                '"resolve" (interference fit) or "ignore" (strain-free adjustment)'
             )
         self._at_first = self._at_nodes = [_depths(p) for p in passes]
         self._first = [weakref.ref(p) for p in passes]

@@ -633,7 +633,7 @@ class WeightedGap:
         for name, values in found.items():
             values = np.asarray(values, dtype=np.float64)
             fits = values.shape == (self.num_rows,) and bool(np.isfinite(values).all())
-            require(fits, f"law: commit must return finite {name!r} of each row")
+            require(fits, f"law: commit must return finite {name!r} for each constraint")
             kept = self.state.memory[name]
             change = self.rows.on_nodes(values - before[name], 0.0).astype(np.float64)
             committed[name] = kept + change

@@ -54,7 +54,7 @@ def check_schur(
         raise ValueError(f'pressure_preconditioner: is for linear_solver="schur", not {solver!r}')
     if solver == "schur":
         if kind == "nest":
-            raise ValueError('kind: linear_solver="schur" needs the AIJ matrix')
+            raise ValueError('kind: linear_solver="schur" needs the AIJ matrix, kind="mpi"')
         if all(pressure is None for pressure in _pressures(u)):
             raise ValueError(
                 'solver: "schur" needs a body in velocity and pressure, see materials.mini_space; '

@@ -1,4 +1,4 @@
-"""Fields for ParaView."""
+"""Output of fields for ParaView."""
 
 from __future__ import annotations
 
@@ -25,24 +25,28 @@ Field = typing.Any
 
 
 class FieldWriter:
-    """Writes fields of one body at several times, to XDMF, VTK or, with ADIOS2, VTX, or VTK-HDF.
+    """Writes fields of one body at several times to XDMF, VTK, VTX (needs ADIOS2) or VTK-HDF.
 
-    Functions of continuous spaces are written at the vertices, other fields at the cells' midpoints
-    unless they are given as continuous; of a curved mesh, whose geometry has degree 2, at its nodes
-    instead of the vertices. A field such as ``lambda: contact.traction("master")`` is called for
-    each time. In XDMF the mesh is that of the first time, and the field ``displacement`` says where
-    its nodes have moved (ParaView: Warp By Vector), unless a field of this name is given, such as
-    the unknown of a body in displacements, whose mesh stays; in VTK and VTX the mesh moves, and in
-    VTK it may be replaced by another one, see :meth:`change_mesh`. VTK is a ``.pvd`` file with a
-    ``.vtu`` file for each time and rank, as text, which everything reads. VTX has one kind of field
-    per file: those of the cells go to a second one, ``NAME_cells.bp``. VTK-HDF, with a DOLFINx that
-    has it, has a file per field, ``NAME_FIELD.vtkhdf``, and the first time's mesh.
+    Functions of continuous spaces are written at the vertices (on a curved mesh, with geometry of
+    degree 2, at its nodes), other fields at the midpoints of cells unless they are given as
+    ``continuous``. A field that is a function, such as ``lambda: contact.traction("master")``, is
+    called for each time.
+
+    - XDMF (``.xdmf``) has the mesh of the first time. A field ``displacement`` with the motion of
+      its nodes is added (ParaView: Warp By Vector), unless a field of this name is given, such as
+      the unknown of a displacement-based body, whose mesh does not move.
+    - VTK (``.pvd``, with a ``.vtu`` text file for each time and rank) can be read by any VTK
+      program. The mesh moves, and may be replaced by another mesh, see :meth:`change_mesh`.
+    - VTX (``.bp``) has a moving mesh, and one kind of field per file: fields of the cells are in a
+      second file, ``NAME_cells.bp``.
+    - VTK-HDF (``.vtkhdf``, if DOLFINx supports it) has one file per field,
+      ``NAME_FIELD.vtkhdf``, and the mesh of the first time.
 
     Args:
-        filename: Ends in ``.xdmf``, ``.pvd``, ``.bp`` or ``.vtkhdf``.
+        filename: File name that ends in ``.xdmf``, ``.pvd``, ``.bp`` or ``.vtkhdf``.
         msh: The mesh.
         fields: Name and function, or UFL expression, of each field.
-        continuous: More of them, of UFL, that have one value at a vertex: ``ufl.split(w)[0]``.
+        continuous: More fields, UFL expressions that are continuous, such as ``ufl.split(w)[0]``.
 
     Raises:
         ValueError: If the file name ends in something else, DOLFINx has no ADIOS2 for VTX, or a
@@ -121,15 +125,15 @@ class FieldWriter:
         fields: typing.Mapping[str, Field],
         continuous: typing.Mapping[str, Field] | None = None,
     ) -> None:
-        """Go on with another mesh, such as after a remeshing, and the fields on it. Collective.
+        """Continue with another mesh, such as after a remeshing, and fields on it. Collective.
 
         Args:
-            msh: The mesh.
-            fields: As the writer was made with, of the same names.
-            continuous: Likewise.
+            msh: The new mesh.
+            fields: Fields on the new mesh, with the same names as before.
+            continuous: Continuous fields on the new mesh, with the same names as before.
 
         Raises:
-            ValueError: If the file is no ``.pvd``, names are others, or a field is on another mesh.
+            ValueError: If the file is not ``.pvd``, names differ, or a field is on another mesh.
         """
         names = [function.name for function, _ in (*self._points, *self._cells)]
         with checked(self._msh.comm):
@@ -164,7 +168,7 @@ class FieldWriter:
         """Write all fields at time t. Collective.
 
         Raises:
-            ValueError: If t is no finite number, the same on all ranks.
+            ValueError: If t is not a finite number, or differs between ranks.
             OSError: If the file cannot be written; nothing more can be written to it then.
         """
         with checked(self._msh.comm) as same:
@@ -211,7 +215,7 @@ class FieldWriter:
         self.close()
 
     def close(self) -> None:
-        """Close the files; at the end of a ``with`` block that is done. Collective."""
+        """Close the files; a ``with`` block does this at its end. Collective."""
         for writer in (self._xdmf, self._vtk, *(self._vtx or [])):
             if writer is not None:
                 writer.close()
@@ -225,7 +229,7 @@ def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
     if path.suffix == ".vtkhdf":
         require(vtkhdf.module, "filename: this DOLFINx has no VTK-HDF; use .xdmf or .bp")
         straight = coordinate_element(msh).degree == 1
-        require(straight, "filename: no VTK-HDF of curved meshes; use .xdmf or .bp")
+        require(straight, "filename: VTK-HDF does not support curved meshes; use .xdmf or .bp")
     has_vtx = path.suffix != ".bp" or hasattr(io, "VTXWriter")
     require(has_vtx, "filename: this DOLFINx has no ADIOS2 for VTX; use .xdmf")
 

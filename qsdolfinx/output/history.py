@@ -19,17 +19,17 @@ from qsdolfinx.base.progress import bar
 
 
 class History:
-    """Table of numbers, one line a step, as CSV and on the terminal.
+    """Table of numbers with one line for each step, as CSV and on the terminal.
 
-    On a terminal with tqdm installed there is a progress bar; otherwise one plain line a step.
+    A terminal with tqdm installed shows a progress bar; otherwise a line is printed for each step.
 
     Args:
         comm: Communicator; its rank 0 writes.
         filename: CSV file, or None.
-        t_end: Time at which the run ends, for the bar.
+        t_end: Time at which the run ends, for the progress bar.
         verbose: Whether to print.
-        append: Whether to continue an existing file, after a restart: lines with ``t`` before
-            that of the first new one are kept.
+        append: Whether to continue an existing file after a restart: its lines with ``t`` less than
+            that of the first new line are kept.
 
     Raises:
         OSError: If the folder of the file is missing.
@@ -55,11 +55,13 @@ class History:
         self._bar = bar(t_end) if self._verbose and sys.stderr.isatty() else None
 
     def add(self, row: typing.Mapping[str, float]) -> None:
-        """Add a line; the first one names the columns, its ``t`` moves the bar. Collective.
+        """Add a line; the first line defines the columns. Collective.
+
+        The value ``t`` moves the progress bar.
 
         Raises:
-            ValueError: If its columns are not those of the lines before, or a value is no number.
-            OSError: If it cannot be written.
+            ValueError: If its columns are not those of earlier lines, or a value is not a number.
+            OSError: If the line cannot be written.
         """
         with collective_errors(self._comm):
             check(MAPPING, row=row)

@@ -1,4 +1,4 @@
-"""Pairing points as arrays that a user can look at."""
+"""Contact quadrature points as arrays, for the user."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import qsdolfinx._cpp as _cpp
 
 @dataclasses.dataclass(frozen=True)
 class PairingSide:
-    """One side of the pairing points.
+    """One side (slave or master) of the contact quadrature points.
 
     Attributes:
         x: Positions, shape (points, 3).
         dofs: Global unknowns of the facet's vertices, shape (points, vertices, gdim); -1 if unused.
-        owner: Ranks that own them, shape (points, vertices); -1 if unused.
+        owner: Ranks that own these unknowns, shape (points, vertices); -1 if unused.
         shape_values: Shape functions of the vertices, shape (points, vertices). A point at a node
             has one vertex with value 1.
     """
@@ -30,20 +30,20 @@ class PairingSide:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Pairing:
-    """Pairing points of one pass, as found on this rank.
+    """Contact quadrature points of one integration side, as found on this rank.
 
-    A point lives on the rank that owns the node which it was found for. In a pass, the slave is the
+    A point belongs to the rank that owns the node for which it was found. Here, the slave is the
     side that carries the multiplier.
 
     Attributes:
         slave: Positions, vertices and shape functions on the slave.
-        master: The same on the master.
-        normal: Unit normals, outward of the slave, shape (points, 3).
+        master: Positions, vertices and shape functions on the master.
+        normal: Unit normals, pointing out of the slave, shape (points, 3).
         gap: Signed initial distances (x_master - x_slave)·n, positive when open, shape (points,).
         weight: Areas w_p, shape (points,).
-        multiplier_values: P1 or Q1 functions N_k of the slave's vertices, which come first among
-            its nodes, shape (points, vertices).
-        num_unpaired: Owned nodes (overlay: facets) that were searched and found no partner.
+        multiplier_values: P1 or Q1 functions N_k of the slave's vertices, shape (points, vertices).
+            Vertices come first among the nodes.
+        num_unpaired: Number of owned nodes (overlay: facets) without a partner.
     """
 
     slave: PairingSide

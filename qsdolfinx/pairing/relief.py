@@ -59,12 +59,12 @@ def sides_of(smoothing: typing.Any, master: AnySurface) -> tuple[Side, Side]:
     require(
         known,
         f"smoothing: must be one of {', '.join(SMOOTHINGS)}, a surface of qs.smooth, or a pair of "
-        f"them for slave and master, not {shown(smoothing)}",
+        f"these for slave and master, not {shown(smoothing)}",
     )
     first, second = (None if side == "none" else side for side in both)
     require(
         second is None or not analytic,
-        "smoothing: the master is an analytic shape, without facets: name that of the slave alone",
+        "smoothing: the master is an analytic shape, without facets; give it for the slave only",
     )
     return first, second
 

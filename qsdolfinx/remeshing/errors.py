@@ -1,4 +1,4 @@
-"""Why a body cannot be meshed anew, and where."""
+"""Errors of remeshing, with the places where they occur."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class RemeshError(RuntimeError):
     """No valid mesh can be made; the body is as it was.
 
     Attributes:
-        where: Places (length) that are to blame, shape (places, 3); empty if nobody knows.
+        where: Coordinates of the places that cause the error, shape (places, 3); empty if unknown.
     """
 
     def __init__(self, text: str, where: npt.ArrayLike = ()) -> None:
@@ -25,7 +25,7 @@ class RemeshError(RuntimeError):
 
     @classmethod
     def at(cls, text: str, where: npt.ArrayLike, most: int = 3) -> RemeshError:
-        """The error with some of the places in its text."""
+        """Make an error with some of the places in its text."""
         points = np.asarray(where, dtype=np.float64).reshape(-1, 3)
         shown = ", ".join("({:.5g}, {:.5g}, {:.5g})".format(*x) for x in points[:most])
         more = f" and {len(points) - most} more places" if len(points) > most else ""

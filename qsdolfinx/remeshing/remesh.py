@@ -1,4 +1,4 @@
-"""A new mesh for a body as it is now."""
+"""Remeshing of a body in its present configuration."""
 
 from __future__ import annotations
 
@@ -67,13 +67,13 @@ SIMPLICES = {2: mesh.CellType.triangle, 3: mesh.CellType.tetrahedron}
 
 
 class RemeshReport(typing.NamedTuple):
-    """What a new mesh has changed.
+    """Report of a remeshing.
 
     Attributes:
-        volume: Of the old mesh (2D: area; axisymmetric: of the whole body).
+        volume: Volume of the old mesh (2D: area; axisymmetric: volume of the whole body).
         unrestored: Relative change of the volume with new nodes on the old boundary.
-        volume_change: Relative change of the volume, at last.
-        shift: Longest way (length) that nodes have gone to restore it.
+        volume_change: Relative change of the volume after the volume was restored.
+        shift: Largest distance (length) by which nodes were moved to restore the volume.
         old_cells: Cells of the old mesh.
         num_cells: Cells of the new mesh.
         old_quality: Shape of the worst old cell, 1 at best: see ``MeshMotion.quality``.
@@ -93,7 +93,7 @@ class RemeshReport(typing.NamedTuple):
         return (
             f"{self.old_cells} cells, the worst of quality {self.old_quality:.2g}, became "
             f"{self.num_cells}, the worst {self.quality:.2g}; the volume changed by "
-            f"{self.volume_change:.1e}, before it was restored by {self.unrestored:.1e}"
+            f"{self.volume_change:.1e} (before it was restored: {self.unrestored:.1e})"
         )
 
 
@@ -102,8 +102,8 @@ class Remeshed(typing.NamedTuple):
 
     Attributes:
         mesh: The mesh, spread over all ranks.
-        facet_tags: Tags of its boundary facets; those of the tag 0 are left out.
-        report: What it has changed.
+        facet_tags: Tags of its boundary facets; facets with the tag 0 are left out.
+        report: Report of the remeshing.
     """
 
     mesh: mesh.Mesh
@@ -123,40 +123,42 @@ def remesh(
     mesher: str = "gmsh",
     partitioner: typing.Any = None,
 ) -> Remeshed:
-    """Mesh a body anew as it is now. Collective.
+    """Make a new mesh of a body in its present configuration. Collective.
 
-    Rank 0 alone makes the mesh: boundary and cells are gathered there, and the new ones handed
-    out. It is the same from any partition of the old one, and for nodes that differ by the errors
-    of solvers: what decides is a copy of the body whose nodes are rounded to less than a thousandth
-    of the size of the cells there. New nodes are put from the copy into the body.
+    Rank 0 alone makes the mesh: boundary and cells are gathered there, and the new mesh is
+    distributed. The new mesh does not depend on the partition of the old mesh, or on errors of
+    solvers in the positions of nodes: it is made for a copy of the body, with nodes rounded to less
+    than a thousandth of the local cell size. New nodes are then mapped from the copy to the body.
 
-    New boundary nodes are on the old boundary facets. Corners stay, and so do edges at which
-    facets turn by more than ``feature_angle`` and borders between facet tags: they get new nodes,
-    but none leaves them. What is plane stays exactly plane. Then all free boundary nodes, those on
-    curved parts that are not on edges between two of them, go the same small way along their
-    normals, so that the volume is what it was. Within, gmsh makes the cells; or MMG makes all.
+    New boundary nodes are on the old boundary facets. Corners are kept. Edges with an angle of more
+    than ``feature_angle`` between facets and borders between facet tags are kept, too: they get new
+    nodes on the same lines. Plane parts stay exactly plane. Then all free boundary nodes move the
+    same small distance along their normals to restore the volume. Free nodes are those on curved
+    parts, but not on edges between two curved parts. gmsh makes the cells within the body; MMG
+    makes boundary and cells.
 
     Args:
-        body: Mesh of triangles in 2D or tetrahedra in 3D, straight, as it is now; or a displacement
-            on such a mesh: the new mesh is then that of the displaced body.
-        size: Of the new cells (length): a number, a function of points (3, n) that returns (n,),
-            or a scalar Function on the old mesh; of a list of these the least. It counts at the old
-            nodes, linear in between. See :func:`qs.size_from_curvature`,
-            :func:`qs.size_from_distance`, :func:`qs.size_from_field`.
-        facet_tags: Tags of boundary facets, to be carried over.
-        axisymmetric: Whether coordinates are (r, z): volumes are those of rings, and what is on the
-            axis stays there.
-        feature_angle: In degrees.
-        gradation: Growth of sizes per length, at most; None for any.
-        min_quality: Shape that the worst cell should have, 1 at best (see ``MeshMotion.quality``):
-            sizes from 0.7 to 1.1 times those asked for are tried until it has, else the best of
+        body: Mesh of straight triangles in 2D or tetrahedra in 3D, in its present configuration; or
+            a displacement on such a mesh: the new mesh is then that of the displaced body.
+        size: Size of the new cells (length): a number, a function of points (3, n) that returns
+            (n,), or a scalar Function on the old mesh; for a list of these the smallest. Sizes are
+            evaluated at the old nodes and interpolated linearly. See
+            :func:`qs.size_from_curvature`, :func:`qs.size_from_distance`,
+            :func:`qs.size_from_field`.
+        facet_tags: Tags of boundary facets, to be transferred.
+        axisymmetric: Whether coordinates are (r, z): volumes are those of rings, and nodes on the
+            axis stay on it.
+        feature_angle: Angle of edges that are kept, in degrees.
+        gradation: Largest growth of sizes per length; None for no limit.
+        min_quality: Wanted quality of the worst cell, 1 at best (see ``MeshMotion.quality``): sizes
+            of 0.7 to 1.1 times the given sizes are tried until it is reached; otherwise the best of
             these meshes is taken. None to take the first mesh.
-        mesher: "gmsh"; or "mmg", of tetrahedra: MMG's program ``mmg3d``, where it is installed,
-            adapts surface and cells, and its boundary nodes are put on the old facets.
-        partitioner: For ``dolfinx.mesh.create_mesh``; by default that of DOLFINx.
+        mesher: ``"gmsh"``; or ``"mmg"``, for tetrahedra: MMG's program ``mmg3d``, if installed,
+            adapts boundary and cells, and its boundary nodes are then moved to the old facets.
+        partitioner: Partitioner for ``dolfinx.mesh.create_mesh``; by default that of DOLFINx.
 
     Raises:
-        RemeshError: If no valid mesh can be made, on all ranks, with the places that are to blame;
+        RemeshError: If no valid mesh can be made, on all ranks, with the places that cause it;
             nothing is changed then.
         TypeError, ValueError: If an argument is of another type or out of range.
     """
@@ -175,7 +177,7 @@ def remesh(
             of_facets = facet_tags.dim == gdim - 1 and is_of(facet_tags, msh)
             require(of_facets, "facet_tags: must be tags of facets of the body's mesh")
         same(FLAG, axisymmetric=axisymmetric)
-        require(not axisymmetric or gdim == 2, "axisymmetric: is of meshes in 2D, (r, z)")
+        require(not axisymmetric or gdim == 2, "axisymmetric: needs a mesh in 2D, (r, z)")
         same(ANGLE, feature_angle=feature_angle)
         same(either(POSITIVE, None), gradation=gradation)
         same(either(FRACTION, None), min_quality=min_quality)
@@ -306,8 +308,8 @@ def _make_of(outline: Outline, copy: Outline, how: _How) -> _Made:
     change = enclosed_volume(boundary.x, boundary.facets, axisymmetric) / volume - 1
     if abs(change) > VOLUME:
         raise RemeshError.at(
-            f"the volume would change by {change:.2g}: no boundary node is free to restore it; ask "
-            "for smaller cells; the body is",
+            f"the volume would change by {change:.2g}, since no boundary node is free to restore "
+            "it: ask for smaller cells; the body is",
             outline.x.mean(axis=0),
         )
     if inside is None:
@@ -336,7 +338,7 @@ def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
     filled = float(np.abs(np.linalg.det(edges)).sum()) / (2.0 if gdim == 2 else 6.0)
     if abs(filled / enclosed - 1) > FILLED:
         raise RemeshError.at(
-            f"the cells fill {filled / enclosed:.6g} of what the boundary encloses; the body is",
+            f"the cells fill {filled / enclosed:.6g} of the volume in the boundary; the body is",
             x.mean(axis=0),
         )
 
@@ -349,7 +351,7 @@ def _check_number(outline: Outline) -> None:
     number = float(np.sum(volumes / of_sizes))
     if number > MOST_CELLS:
         raise RemeshError(
-            f"size: would make some {number:.1g} cells; it is a length in the mesh's units",
+            f"size: would give about {number:.1g} cells; it is a length in the units of the mesh",
             outline.x.mean(axis=0)[None],
         )
 

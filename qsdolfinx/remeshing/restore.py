@@ -52,8 +52,8 @@ def restore_volume(boundary: Boundary, volume: float, axisymmetric: bool) -> flo
         change = enclosed_volume(start, boundary.facets, axisymmetric) / volume - 1
         boundary.x = start
         raise RemeshError.at(
-            f"the new boundary encloses a volume that is another by {change:.2g}, too much to be "
-            "given back; ask for smaller cells",
+            f"the volume within the new boundary differs by {change:.2g}, too much to be restored: "
+            "ask for smaller cells",
             start[far][np.argsort(-ways[far])],
         )
     return float(ways.max(initial=0.0))

@@ -1,4 +1,4 @@
-"""Sizes of cells: what is asked for, and what a surface, a tool or a field asks for."""
+"""Cell sizes for remeshing: checks, and sizes from curvature, distance or a field."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
-#: A length, one for each of given points (3, n), or a field on the old mesh; of several the least.
+#: A length, a function of points (3, n), or a field on the old mesh; for a list the smallest.
 Size = (
     float
     | typing.Callable[[Array], npt.ArrayLike]
@@ -137,22 +137,22 @@ def limit_growth(outline: Outline, gradation: float) -> Outline:
 def size_from_curvature(
     body: mesh.Mesh | fem.Function, angle: float, smallest: float, largest: float
 ) -> fem.Function:
-    """Sizes with which a curved boundary turns by an angle from facet to facet. Collective.
+    """Compute cell sizes for a given angle between the facets of a curved boundary. Collective.
 
-    Rank 0 looks at the whole boundary.
+    Rank 0 needs the whole boundary.
 
     Args:
-        body: As :func:`qs.remesh` takes it.
-        angle: Between neighbouring facets (radians). Edges that turn by more than π/4 are sharp
-            and do not count.
-        smallest: Least size (length).
-        largest: Largest size, where nothing is curved and within the body.
+        body: Body as in :func:`qs.remesh`.
+        angle: Angle between neighbouring facets (radians). Edges with an angle of more than π/4 are
+            sharp and do not count.
+        smallest: Smallest size (length).
+        largest: Largest size (length), where the boundary is not curved, and within the body.
 
     Returns:
-        On the old mesh, of degree 1.
+        Function of degree 1 on the old mesh.
 
     Raises:
-        ValueError: If a number is not positive, or the largest size is not the largest.
+        ValueError: If a number is not positive, or ``largest`` is less than ``smallest``.
     """
     check(instance((mesh.Mesh, fem.Function), "a mesh or a displacement"), body=body)
     msh, x = where(body)
@@ -212,19 +212,21 @@ def _function(msh: mesh.Mesh, values: Array) -> fem.Function:
 def size_from_distance(
     tool: RigidSurface, near: float, far: float, reach: float
 ) -> typing.Callable[[Array], Array]:
-    """Sizes that grow linearly with the distance from where a rigid tool is now. Collective.
+    """Make cell sizes that grow linearly with the distance from a rigid tool. Collective.
+
+    The distance is that from the present position of the tool.
 
     Args:
-        tool: The tool. Facets of one that has any are gathered on all ranks.
+        tool: The tool. If it has facets, they are gathered on all ranks.
         near: Size at the tool (length).
-        far: Size at a distance of ``reach`` and beyond (length).
-        reach: That distance (length).
+        far: Size at the distance ``reach`` and beyond (length).
+        reach: Distance from the tool (length).
 
     Returns:
-        A function of points (3, n), as :func:`qs.remesh` takes it.
+        A function of points (3, n), for :func:`qs.remesh`.
 
     Raises:
-        TypeError: If it is no tool.
+        TypeError: If ``tool`` is not a rigid tool.
         ValueError: If a length is not positive.
     """
     check(instance(RigidSurface, "a RigidSurface"), tool=tool)
@@ -270,20 +272,20 @@ def _distance(tool: RigidSurface) -> typing.Callable[[Array], Array]:
 def size_from_field(
     field: typing.Any, values: npt.ArrayLike, sizes: npt.ArrayLike, body: mesh.Mesh
 ) -> fem.Function:
-    """Sizes that follow a field, such as a strain, linearly between given values. Collective.
+    """Compute cell sizes from a field, such as a strain, by linear interpolation. Collective.
 
     Args:
         field: Scalar Function or UFL expression on the body's mesh; its means around the vertices
-            count.
-        values: Of the field, ascending, shape (n,).
-        sizes: At these values (length), shape (n,).
+            are used.
+        values: Values of the field in ascending order, shape (n,).
+        sizes: Cell sizes at these values (length), shape (n,).
         body: The mesh.
 
     Returns:
-        On that mesh, of degree 1.
+        Function of degree 1 on ``body``.
 
     Raises:
-        ValueError: If the values do not ascend, or a size is not positive.
+        ValueError: If the values are not in ascending order, or a size is not positive.
     """
     check(MESH, body=body)
     with checked(body.comm) as same:

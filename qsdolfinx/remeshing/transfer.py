@@ -1,4 +1,4 @@
-"""Fields on an old mesh, found again on a new one."""
+"""Transfer of fields from an old mesh to a new mesh."""
 
 from __future__ import annotations
 
@@ -43,29 +43,33 @@ def transfer(
     reach: float | None = None,
     axisymmetric: bool = False,
 ) -> fem.Function:
-    """The function on another mesh of the same body. Collective.
+    """Transfer a function to another mesh of the same body. Collective.
 
-    Functions of Lagrange and enriched elements, and of mixed and vector ones of these, are
-    interpolated: the error of degree 1 falls with h². In a point that is in no old cell, as beside
-    a curved boundary, the polynomial of the closest cell is continued.
+    Functions of Lagrange and enriched elements, and of mixed and vector elements of these, are
+    interpolated: for degree 1 the error falls with h². At a point outside of all old cells, as
+    beside a curved boundary, the polynomial of the closest cell is extrapolated.
 
-    Functions with values in cells (DG0) or quadrature points are projected cell by cell. Values
-    stay between the least and the largest of the old cells that the new cell or point is in and of
-    the cells around these, and integrals, of each component, are kept to 1e-12 as far as such
-    values allow.
+    Functions with values in cells (DG0) or at quadrature points are projected cell by cell. The new
+    values stay between the smallest and the largest value of the old cells that contain the new
+    cell or point and of the cells around them. Integrals of each component are kept to 1e-12 as far
+    as these bounds allow.
 
     Args:
-        function: On the old mesh.
-        V_new: Space on the new mesh, of the same kind: either both hold values in cells or points,
-            or both do not; mixed ones have the same parts.
-        displacement: That leads from the old mesh to the new one; by default none, or meshes have
-            been moved.
-        reach: How far from all old cells a point may be (length); by default the largest size of an
-            old cell.
+        function: Function on the old mesh.
+        V_new: Space on the new mesh, of the same kind: either both spaces have values in cells or
+            points, or none has; mixed spaces have the same parts.
+        displacement: Displacement from the old mesh to the new mesh. By default none: the meshes
+            are at the same position.
+        reach: Largest distance of a point from all old cells (length); by default the largest size
+            of an old cell.
         axisymmetric: Whether coordinates are (r, z), and integrals those over rings.
 
+    Returns:
+        The function in ``V_new``.
+
     Raises:
-        ValueError: If spaces are of different kinds or shapes, or a point is further away.
+        ValueError: If spaces are of different kinds or shapes, or a point is further away than
+            ``reach``.
         TypeError: If an argument is of another type.
     """
     check(FUNCTION, function=function)
@@ -80,7 +84,7 @@ def transfer(
         alike = function.ufl_shape == V_new.value_shape
         require(alike, "V_new: must have as many components as the function")
         alike = is_of_points(function.function_space) == is_of_points(V_new)
-        require(alike, "V_new: both spaces or none must hold values in cells or points")
+        require(alike, "V_new: both spaces or none must have values in cells or points")
         parts = _num_parts(function.function_space), _num_parts(V_new)
         require(parts[0] == parts[1], "V_new: must have the same parts as the function's space")
         on_old = displacement is None or displacement.function_space.mesh is _mesh_of(function)

@@ -135,9 +135,9 @@ def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None
         other = None if contact.problem is None else contact.problem()
         require(
             other is None or other is problem,
-            f"contacts: {contact.called(i)} is part of another problem, solved since, which has "
-            "gone on with its multipliers and friction: make another contact, or call destroy() "
-            "of that problem",
+            f"contacts: {contact.called(i)} is part of another problem, which was solved since "
+            "and uses its multipliers and friction: make another contact, or call destroy() of "
+            "that problem",
         )
 
 
@@ -150,7 +150,7 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
             try:
                 i = body_of(u, surface.V)
             except ValueError:
-                text = f"contacts: the {name} surface of one belongs to the space of none of u"
+                text = f"contacts: the {name} surface of a contact is on the space of none of u"
                 raise ValueError(text) from None
             if i is not None and contact.model.is_scalar:
                 continue  # a field on the body says nothing of how it moves

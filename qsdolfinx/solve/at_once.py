@@ -29,9 +29,9 @@ MOST_OTHERS = 5
 
 
 UNSETTLED = (
-    "sliding: with what surfaces cover of each other's nodes at the end of the solve there is no "
-    "equilibrium nearby: forces at the ends of contact depend on where the solve began; make the "
-    "smaller surface the slave, take smaller steps, or finer facets"
+    "sliding: with the nodes that are covered by the other surface at the end of the solve, there "
+    "is no equilibrium nearby: forces at the ends of the contact zone depend on where the solve "
+    "began; make the smaller surface the slave, take smaller steps, or finer facets"
 )
 
 

@@ -37,20 +37,20 @@ def solve_with_continuation(
     m: fem.Constant | typing.Sequence[fem.Constant],
     target: float | typing.Sequence[float],
 ) -> list[tuple[float, int]]:
-    """Solve a problem with Norton-Hoff bodies of small rate sensitivities. Collective.
+    """Solve a problem with Norton-Hoff bodies by continuation in the rate sensitivity. Collective.
 
-    Starts from m = 1, whose solution does not depend on the first guess, and lowers all m as powers
-    of their targets, m = target^s with s from 0 to 1. A step that fails is halved. If all m are at
-    their targets and the bodies are not at rest (later steps of a loading history), that is tried
-    first from the present unknowns.
+    The first solve is with m = 1, whose solution does not depend on the initial guess. Then all m
+    are lowered as powers of their targets, m = target^s with s from 0 to 1. A step in s that fails
+    is halved. If all m are at their targets and the bodies are not at rest (later steps of a
+    loading history), a solve with the targets from the present unknowns is tried first.
 
     Args:
-        problem: The problem; its forms contain the Constants.
-        m: The rate sensitivity of one body, or those of several bodies.
-        target: Their values to reach, above 0 and at most 1.
+        problem: The problem; its forms contain the Constants ``m``.
+        m: Rate sensitivity of one body, or a list for several bodies.
+        target: Values that ``m`` is to reach, above 0 and at most 1.
 
     Returns:
-        Each s that was solved for, with the Newton iterations that it took.
+        Each s that was solved for, with its number of Newton iterations.
 
     Raises:
         ConvergenceError: If the smallest step fails; unknowns, multipliers and m are as before.

@@ -20,7 +20,7 @@ _TOLERANCE = 1e-3
 _MAX_STEPS = 30
 #: Bisections of a step's length: 2^-30 of it is below the tolerance.
 _MAX_BISECTIONS = 30
-#: Doublings of that length until the force changes its sign: 2^60 is further than any scene is wide.
+#: Doublings of that length until the force changes its sign: 2^60 is beyond any scene.
 _MAX_DOUBLINGS = 60
 
 

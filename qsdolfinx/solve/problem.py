@@ -1,4 +1,4 @@
-"""Bodies and contacts as one nonlinear problem, solved by PETSc's SNES."""
+"""Nonlinear problem of all bodies and contacts."""
 
 from __future__ import annotations
 
@@ -77,67 +77,72 @@ MAX_RATES = 4
 
 
 class ContactProblem:
-    """Find u_i with F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
+    """Nonlinear problem: F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
     Φ is the energy of all contacts. Every body has its own mesh. The unknowns of a rank are those
-    of its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``)
-    with the bulk forms and contact on the diagonal and contact alone elsewhere; with
-    ``kind="mpi"`` it is one AIJ matrix, or with ``"amg"`` a sum that is never formed.
+    of its part of body 0, then of body 1, and so on. The tangent is a MatNest (``blocks.nest``):
+    diagonal blocks contain the bulk forms and contact, the other blocks contain contact only. With
+    ``kind="mpi"`` the tangent is one AIJ matrix; with ``"amg"`` it is a sum that is never formed.
 
     Args:
-        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``. One
-            body may be given as itself, without a list, and so may one contact.
-        u: Unknown of each body, the initial guess.
-        contacts: Contacts between the bodies; may be empty. Each is part of one problem at a time:
-            a new one takes it over when it is first solved, and the one before cannot be any more.
+        F: Residual of each body, such as ``inner(sigma(u), grad(v)) * dx - inner(f, v) * dx``. A
+            single body needs no list.
+        u: Unknown of each body; its values are the initial guess.
+        contacts: Contacts between the bodies; may be empty. A single contact needs no list. A
+            contact belongs to one problem at a time. The first solve of a new problem takes its
+            contacts over; the earlier problem can then no longer be solved.
         bcs: Dirichlet conditions of all bodies in one list, or a list for each body; also on
             contact nodes.
-        J: For each body the derivative of F, or None to derive it. Forms that are linear in u are
-            found by UFL, and their matrix is assembled once.
+        J: For each body the derivative of F, or None to derive it automatically. UFL detects forms
+            that are linear in u; their matrix is assembled once.
         petsc_options_prefix: Prefix of the solver's options; by default a new one for each problem.
-        petsc_options: PETSc options without the prefix, on top of those of the solver. The defaults
-            are ``snes_max_it`` 50 (Newton iterations of a run), ``snes_rtol`` 1e-9 (unbalanced
-            force over contact forces), ``snes_linesearch_type`` ``"basic"``,
-            ``snes_divergence_tolerance`` 1e300. ``snes_type``, a line search or
-            ``snes_convergence_test`` that you name are taken alone: with the paper's penalty and
-            without contact for the bodies, else for bodies, multipliers and driven tools at once.
-            Then the type is ``"newtonls"``, ``"newtontr"`` (direct solvers), ``"ksponly"`` or
-            ``"python"``, or one of ``"ngmres"``, ``"anderson"``, ``"nrichardson"`` and ``"qn"``
-            with ``npc_snes_type`` ``"newtonls"``.
-        kind: ``"mpi"`` or ``"nest"``, the matrix type that the linear solver sees.
-        linear_solver: By default ``"auto"``; ``"direct"`` (MUMPS), ``"amg"`` (CG, or GMRES where
-            the tangent is not symmetric, with algebraic multigrid; wants an augmented Lagrangian or
-            another moderate penalty), ``"fieldsplit"`` (the same, with multigrid for each body's
-            block of the MatNest), ``"schur"`` (bodies in velocity and pressure: FGMRES, with
-            multigrid for velocities and displacements, and pressure mass matrices), or ``"auto"``:
-            direct unless the problem is large, which is logged once a process; none of these if
-            there is an option ``ksp_type`` or ``pc_type``.
-        pressure_preconditioner: For ``"schur"``: for each body None or a bilinear form on its space
-            that stands for its Schur complement, such as ``p * q / (2 * eta) * dx``, of either
-            sign. By default it is found from the tangent, at the viscosity of each iterate. Not
-            used if ``"auto"`` takes another solver, refused with the others by name.
-        stabilisation: Springs for bodies that conditions leave a rigid motion, with no part in the
-            result: see :class:`Stabilisation`. None for those of bodies without any condition.
-        form_compiler_options: For FFCx, of the bodies' forms, as in ``dolfinx.fem.form``.
-        jit_options: For the C compiler of these forms, as in ``dolfinx.fem.form``.
+        petsc_options: PETSc options without the prefix; they override those of the solver. The
+            defaults are ``snes_max_it`` 50 (Newton iterations of a run), ``snes_rtol`` 1e-9
+            (unbalanced force over contact forces), ``snes_linesearch_type`` ``"basic"``,
+            ``snes_divergence_tolerance`` 1e300. If you name ``snes_type``, a line search or
+            ``snes_convergence_test``, your choice is used without a fallback. With the penalty of
+            the paper, and without contact, it solves for the bodies; otherwise for bodies,
+            multipliers and force-controlled tools together. In the second case the type must be
+            ``"newtonls"``, ``"newtontr"`` (direct solvers), ``"ksponly"`` or ``"python"``, or one
+            of ``"ngmres"``, ``"anderson"``, ``"nrichardson"`` and ``"qn"`` with ``npc_snes_type``
+            ``"newtonls"``.
+        kind: Matrix type for the linear solver, ``"mpi"`` or ``"nest"``.
+        linear_solver: ``"direct"``: MUMPS. ``"amg"``: CG, or GMRES where the tangent is not
+            symmetric, with algebraic multigrid; it needs an augmented Lagrangian or another
+            moderate penalty. ``"fieldsplit"``: as ``"amg"``, with multigrid for each body's block
+            of the MatNest. ``"schur"``, for bodies in velocity and pressure: FGMRES, with multigrid
+            for velocities and displacements, and pressure mass matrices. ``"auto"``, the default:
+            direct unless the problem is large; the choice of another solver is logged once in each
+            process. With an option ``ksp_type`` or ``pc_type``, ``"auto"`` uses these options.
+        pressure_preconditioner: For ``"schur"``: for each body None, or a bilinear form on its
+            space that approximates its Schur complement, such as ``p * q / (2 * eta) * dx``, with
+            either sign. By default it is computed from the tangent, with the viscosity of each
+            iterate. Not used if ``"auto"`` chooses another solver; an error if another solver is
+            given by name.
+        stabilisation: Springs for bodies for which the Dirichlet conditions leave a rigid motion;
+            they do not change the result, see :class:`Stabilisation`. With None, only bodies
+            without any Dirichlet condition have springs.
+        form_compiler_options: Options of FFCx for the bodies' forms, as in ``dolfinx.fem.form``.
+        jit_options: Options of the C compiler for these forms, as in ``dolfinx.fem.form``.
         entity_maps: Maps between meshes, as in ``dolfinx.fem.form``, where a form has coefficients
-            on another mesh, such as a sub-mesh of the body's.
-        verbose: Whether to log a line about every solve (rank 0, logger ``"qsdolfinx"``, which
-            prints as long as logging has no handlers).
-        solver: ``linear_solver``, as it was called before.
+            on another mesh, such as a sub-mesh of the body's mesh.
+        verbose: Whether to log a line for every solve (rank 0, logger ``"qsdolfinx"``; it is
+            printed if logging has no handlers).
+        solver: Former name of ``linear_solver``.
 
     Raises:
         ValueError: If the numbers of forms, unknowns and conditions differ, a surface belongs to
-            none of the bodies, or a name is unknown, that of a type in PETSc's options included; or
-            if a type of SNES cannot solve for multipliers.
+            none of the bodies, or a name is unknown (also of a type in PETSc's options); or if the
+            type of SNES cannot solve for multipliers.
 
     Attributes:
-        linear_solver: The preset of the linear solver, or ``"options"`` if it is PETSc's options
-            alone. It stays while a direct solver stands in: see :attr:`solver_in_use`.
+        linear_solver: Preset of the linear solver, or ``"options"`` if PETSc's options alone
+            determine the solver. It does not change while a direct solver is used as a fallback:
+            see :attr:`solver_in_use`.
         stabilisation_shares: Share of the springs of ``stabilisation`` in the forces of the last
-            result: 0; empty without any.
-        active_history: Closed rows of each contact at each iteration of the last solve, over all
-            ranks.
+            result: ``[0.0]``, since they vanish; empty without ``stabilisation``.
+        active_history: Number of active constraints of each contact at each iteration of the last
+            solve, over all ranks.
         system: Residual and tangent of the problem.
         newton: Newton's method for the system.
     """
@@ -246,7 +251,7 @@ class ContactProblem:
 
     @property
     def solver(self) -> PETSc.SNES:
-        """PETSc's nonlinear solver, as that of ``dolfinx.fem.petsc.NonlinearProblem``.
+        """PETSc's nonlinear solver, as in ``dolfinx.fem.petsc.NonlinearProblem``.
 
         Raises:
             RuntimeError: If the problem has been destroyed.
@@ -275,7 +280,7 @@ class ContactProblem:
 
     @property
     def sides(self) -> list[Side]:
-        """Bodies of the slave and the master of each contact; None for a rigid tool."""
+        """Indices of the slave's and master's body for each contact; None for a rigid tool."""
         return self.system.sides
 
     @property
@@ -285,17 +290,17 @@ class ContactProblem:
 
     @property
     def unknowns(self) -> list[str]:
-        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        """Unknown of each body in its contacts: ``"displacement"`` or ``"velocity"``."""
         return self.system.unknowns
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric, as its matrix is told."""
+        """Whether the tangent is symmetric; its matrix is marked accordingly."""
         return self.system.symmetric
 
     @property
     def blocks(self) -> Blocks | None:
-        """The tangent as a MatNest, ``blocks.nest``, without bulk unless ``kind="nest"``.
+        """Tangent as a MatNest, ``blocks.nest``; with the bulk forms only if ``kind="nest"``.
 
         None before the first solve, and with ``"amg"`` and ``"schur"``, which never form it.
         """
@@ -303,7 +308,7 @@ class ContactProblem:
 
     @property
     def solver_in_use(self) -> str:
-        """What :attr:`linear_solver` is, or ``"direct"`` while a direct solver stands in for it."""
+        """Value of :attr:`linear_solver`, or ``"direct"`` while that is used as a fallback."""
         linear = self.newton.linear
         return "direct" if linear.given_up.is_now else self.linear_solver
 
@@ -316,7 +321,7 @@ class ContactProblem:
 
     @property
     def violation_history(self) -> list[float]:
-        """Largest gap (length) that augmented multipliers have left, if there are any."""
+        """Largest gap (length) left by the multipliers of augmented Lagrangians, if any."""
         return self.newton.record.violations
 
     @property
@@ -326,45 +331,48 @@ class ContactProblem:
 
     @property
     def num_linear_iterations(self) -> int:
-        """Iterations of the linear solver in them."""
+        """Iterations of the linear solver in the last solve."""
         return self.newton.record.linear_iterations
 
     @property
     def num_augmentations(self) -> int:
-        """0: multipliers are unknowns, and no longer updated. Kept for programs that read it."""
+        """Always 0, since multipliers are unknowns; kept for programs that read this attribute."""
         return 0
 
     @property
     def num_restarts(self) -> int:
-        """Runs of Newton's method in the last solve that failed and were begun again.
+        """Number of runs of Newton's method in the last solve that failed and were restarted.
 
-        They are begun where the step began, or with a direct solver where an iterative one failed.
+        A run is restarted from the start of the step, or, if an iterative linear solver has failed,
+        with a direct solver.
         """
         return self.newton.record.restarts
 
     @property
     def timings(self) -> dict[str, Span]:
-        """Wall time (s) since the problem was made, of the contacts since they were. Collective.
+        """Wall time (s) of each stage since the problem was made. Collective.
+
+        For stages of contacts, the time since the contacts were made.
 
         Returns:
-            The most and the least that any rank has spent in each stage: ``"pairing"``, ``"gap"``,
+            The largest and the smallest time of all ranks in each stage: ``"pairing"``, ``"gap"``,
             ``"insertion"`` of contact blocks, ``"bulk assembly"``, ``"conversion"`` of the MatNest,
-            and ``"solve"``, which is what is left of the nonlinear solver: the linear one. The
-            stages of PETSc's ``-log_view`` are the same.
+            and ``"solve"``, the rest of the nonlinear solver, which is the linear solver. PETSc's
+            ``-log_view`` has the same stages.
         """
         return self.system.timings
 
     # --- For other solvers
 
     def equations(self) -> Equations:
-        """All unknowns in one system R(z) = 0, for solvers of one's own. Collective.
+        """Return one system R(z) = 0 for all unknowns, for a solver of your own. Collective.
 
-        See :class:`qs.Equations`. They are those of the present pairs, loads and conditions: after
-        one of these has changed they are to be asked for again.
+        See :class:`qs.Equations`. The equations belong to the present contact pairs, loads and
+        conditions: call this method again after one of these has changed.
 
         Raises:
-            RuntimeError, ValueError: As :meth:`set_up`; of scalar fields, and of contact with
-                constraints at points.
+            RuntimeError, ValueError: As :meth:`set_up`; also for scalar fields, and for contact
+                with constraints at points.
         """
         self.set_up()
         if self._equations is not None:
@@ -374,7 +382,7 @@ class ContactProblem:
         return self._equations
 
     def residual(self, z: Array) -> Array:
-        """R(z) of the last :meth:`equations`, or of new ones. Collective.
+        """Residual R(z) of the last :meth:`equations`, or of new equations. Collective.
 
         Args:
             z: This rank's part of the unknowns.
@@ -382,7 +390,7 @@ class ContactProblem:
         return self._current_equations().residual(z)
 
     def tangent(self, z: Array) -> PETSc.Mat:
-        """Its derivative, an AIJ matrix that stays the problem's. Collective.
+        """Derivative of R(z), an AIJ matrix that belongs to the problem. Collective.
 
         Args:
             z: As for :meth:`residual`.
@@ -399,14 +407,15 @@ class ContactProblem:
 
     @contextlib.contextmanager
     def one_step(self, watch: bool = True) -> typing.Iterator[None]:
-        """Make all solves inside the block attempts at one step. Collective.
+        """Treat all solves inside the block as attempts at one step. Collective.
 
         Friction counts slip from the end of the last step. Without this block each solve that
         succeeds is a step.
 
         Args:
-            watch: Whether solves warn of points that have passed through unseen, see
-                :class:`ReachWarning`: who looks for them at the end of the step can do without.
+            watch: Whether solves warn of points that have passed through the other surface without
+                being found, see :class:`ReachWarning`. Not needed if the caller checks this at the
+                end of the step.
         """
         self.system.check_alive()
         if self._steps_within == 0:
@@ -427,8 +436,8 @@ class ContactProblem:
 
         Raises:
             RuntimeError: If the problem has been destroyed, or a rigid tool has another position
-                than when contact was last paired.
-            ValueError: If another problem, made or solved first since, has gone on with a contact.
+                than in the last contact detection.
+            ValueError: If another problem has taken over a contact since.
         """
         self.system.check_alive()
         self._claim_contacts()
@@ -474,23 +483,25 @@ class ContactProblem:
     def solve(self) -> fem.Function | list[fem.Function]:
         """Solve for all bodies, from their present u. Collective.
 
-        With friction it is the next step of the history, see :meth:`one_step`.
+        With friction each solve is the next step of the history, see :meth:`one_step`.
 
         Returns:
-            The unknowns, which hold the solution: a list, or one if ``u`` was given as one.
+            The unknowns, which contain the solution: a list, or a single Function if ``u`` was
+            given as a single Function.
 
         Raises:
-            ConvergenceError: If SNES does not converge; the unknowns, and what contacts show, are
-                then as they were before.
+            ConvergenceError: If the nonlinear solver does not converge; the unknowns and the
+                results of the contacts are then as before the solve.
             RuntimeError, ValueError: As :meth:`set_up`.
-            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; unknowns,
-                multipliers, tools and what contacts show are then as they were before.
+            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever ranks have received it;
+                unknowns, multipliers, tools and the results of the contacts are then as before the
+                solve.
 
         Warns:
-            ReachWarning: If points have passed through the other surface, where contact had not
-                looked when it was paired.
-            ContactWarning: If conditions press nodes that they hold on both sides into each other;
-                if an edge has gone in between nodes, nearly without a force.
+            ReachWarning: If points have passed through the other surface, further away than contact
+                detection had searched.
+            ContactWarning: If Dirichlet conditions on both sides press contact nodes into each
+                other; or if an edge has penetrated between nodes, with hardly any contact force.
         """
         with (
             interrupt.heeded(self.comm),
@@ -607,13 +618,15 @@ class ContactProblem:
         contacts = self.system.contacts
         if contacts and all(contact.is_scalar for contact in contacts):
             if self.system.made.rigid.free_motions.shape[1] > 0:
-                error.advise("nothing may hold the field: conditions, a capacity or a tool would")
+                error.advise(
+                    "nothing may hold the field: give Dirichlet conditions, a capacity or a tool"
+                )
             return
         if self.stabilisation is None and self.system.made.rigid.free_motions.shape[1] > 0:
             error.advise(
-                "bodies that only contact holds may have been lost on the way: "
-                "stabilisation=qs.Stabilisation() holds them by springs that are gone at the end; "
-                "a rotation that frictionless curved surfaces do not resist wants a condition"
+                "bodies that only contact holds may have lost contact during the solve: "
+                "stabilisation=qs.Stabilisation() holds them by springs that vanish at the end; "
+                "a rotation that frictionless curved surfaces do not resist needs a condition"
             )
 
     def _has_other_rates(self) -> bool:
@@ -640,12 +653,12 @@ class ContactProblem:
         return self.system.x.array.copy()
 
     def destroy(self) -> None:
-        """Free PETSc's objects and options; whoever uses them then is told so. Collective.
+        """Free PETSc's objects and options; later use of the problem raises an error. Collective.
 
-        In parallel PETSc's objects are not freed when Python drops them. A program that makes many
-        problems should call this for each. A second call does nothing. Contacts stay what they
-        are: they may become part of another problem, and go on there with their penalty,
-        multipliers and history of friction.
+        In parallel, PETSc's objects are not freed when Python deletes them. A program that makes
+        many problems should call this method for each problem. A second call does nothing. Contacts
+        do not change: they may be used in another problem, and keep their penalty, multipliers and
+        history of friction there.
         """
         if self.system.is_destroyed:
             return

@@ -1,4 +1,4 @@
-"""PETSc's SNES for contact problems: options, monitoring, and what happens when it fails."""
+"""PETSc's SNES for contact problems: options, checks, and errors when it fails."""
 
 from __future__ import annotations
 
@@ -51,45 +51,47 @@ _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST
 #: What may help, by reason.
 REMEDIES = {
     "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take linear_solver="direct"',
-    "GAP_NOT_CLOSED": 'a larger gap_tolerance, penalty="auto", or the other side as the slave',
-    "FORCE_NOT_BALANCED": "a tool may pull, or a body give way without end",
+    "GAP_NOT_CLOSED": 'take a larger gap_tolerance, penalty="auto", or the other side as the slave',
+    "FORCE_NOT_BALANCED": "a tool may pull, or a body may not resist its force",
 }
 
 #: The same of a residual that is not finite where a solve begins, and of one that becomes so.
-NOT_FINITE = "F gives no finite numbers where the solve begins: look at its coefficients and at u"
+NOT_FINITE = "F is not finite at the start of the solve: look at its coefficients and at u"
 NO_LONGER_FINITE = (
-    "F was finite where the solve began, and is not where an iteration led, as if a cell turned "
-    "inside out: the step is too large; take smaller ones, as qs.TimeStepper does"
+    "F was finite at the start of the solve, and is not finite after an iteration, perhaps since a "
+    "cell turned inside out: the step is too large; take smaller steps, as qs.TimeStepper does"
 )
 
 #: The same of all others; of linear bodies in small sliding without friction, where the size of a
 #: step hardly matters.
 REMEDY = (
-    "nothing may balance the load, or the step be too large: take smaller ones (qs.TimeStepper)"
+    "nothing may balance the load, or the step may be too large: take smaller steps, as with "
+    "qs.TimeStepper"
 )
-#: Of steps that have been cut back as far as they may be.
+#: The remedy for steps that cannot be cut back any further.
 REMEDY_IN_STEPS = (
-    "nothing may balance the load, or a structure snap through: drive it by displacements, or give "
-    "F damping or inertia; if it is contact that does not settle, as between coarse or rough "
-    'facets, swap slave and master, or take sliding="small" and steps below a facet'
+    "nothing may balance the load, or a structure may snap through: drive it by displacements, or "
+    "give F damping or inertia; if the active set keeps changing, as between coarse or rough "
+    'facets, swap slave and master, or take sliding="small" and steps smaller than a facet'
 )
-REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and what is in contact"
+REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and active contacts"
 
 PAGE = "docs/howto/convergence.md"
 
 
 class ConvergenceError(RuntimeError):
-    """The nonlinear solver did not converge; the unknowns are as they were before.
+    """The nonlinear solver did not converge; the unknowns are as before the solve.
 
-    The message says the reason, what may help, and where to read on, a line each; histories are in
-    the attributes.
+    The message has one line each for the reason, possible remedies, and a page of the
+    documentation. The attributes contain the histories of the solve.
 
     Attributes:
         reason: PETSc's SNESConvergedReason, negative.
-        reason_name: Its name, such as ``"DIVERGED_MAX_IT"``.
+        reason_name: Name of the reason, such as ``"DIVERGED_MAX_IT"``.
         residual_history: Norm of the residual at each iteration.
-        active_history: Number of active contact rows at each iteration, one list entry per contact.
-        violation_history: Largest gap (length) that augmented multipliers have left, if any.
+        active_history: Number of active constraints at each iteration, one list entry per contact.
+        violation_history: Largest gap (length) that the multipliers of an augmented Lagrangian have
+            left, if any.
     """
 
     def __init__(
@@ -134,7 +136,7 @@ class ConvergenceError(RuntimeError):
             out += f" to {residuals[-1]:.3g} (least {min(residuals):.3g})"
         if self.active_history:
             rows = "/".join(map(str, self.active_history[-1]))
-            out += f", {rows} contact rows closed"
+            out += f", {rows} active constraints"
         if self.violation_history:
             out += f", largest gap {self.violation_history[-1]:.3g}"
         return out
@@ -144,7 +146,7 @@ class ConvergenceError(RuntimeError):
         return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
 
     def advise(self, text: str) -> None:
-        """Say first, of what may help, this."""
+        """Put a text first among the possible remedies of the message."""
         self._remedies.insert(0, text)
         self.args = (self._message(),)
 
@@ -231,7 +233,7 @@ def check_type(snes: PETSc.SNES, has_factors: bool) -> None:
     kind, remedy = snes.getType(), ""
     if kind in WITH_NEWTON:
         if not snes.hasNPC():
-            remedy = "add npc_snes_type='newtonls', which it can make faster, not replace"
+            remedy = "add npc_snes_type='newtonls', which it can accelerate but not replace"
         elif snes.getNPC().getType() not in ALONE:
             kind, remedy = snes.getNPC().getType(), "take npc_snes_type='newtonls'"
     elif kind not in ALONE:

@@ -1,4 +1,4 @@
-"""Stabilisation that vanishes, for nonlinear bodies which only contact holds."""
+"""Vanishing stabilisation for nonlinear bodies that are supported by contact alone."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ VANISHING = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Stabilisation:
-    """Springs that hold free bodies during a solve, and have no part in its result.
+    """Springs that stabilise unsupported rigid bodies in a solve, without changing its result.
 
-    Conditions leave a free body some rigid motion, such as an O-ring between moving tools: nothing
-    but closed contacts holds it there. Newton's method may lose it: a step opens all contacts, and
-    what is left is in equilibrium anywhere. So springs hold each unknown of such a body where it
-    is, in proportion to the diagonal of the body's own stiffness. They are in Newton's matrix
-    alone, and as much weaker as the residual has fallen (a proximal point method).
+    The Dirichlet conditions of an unsupported body leave a rigid motion, in which active contact
+    alone supports it. An example is an O-ring between moving tools. Newton's method may lose such a
+    body: an iteration opens all contacts, and the body is then in equilibrium anywhere. Springs
+    therefore hold each unknown of such a body at its present value. They are proportional to the
+    diagonal of the body's own stiffness. The springs are part of Newton's matrix only, not of the
+    residual, and decrease in proportion to the residual (a proximal point method).
 
     Args:
-        stiffness: Of the first springs, in units of the diagonal of the body's stiffness, at most
-            that of the softest body. By default 1e-3.
+        stiffness: Stiffness of the springs in the first iteration, in units of the diagonal of the
+            body's stiffness, at most that of the softest body. By default 1e-3.
         decrease: Deprecated, without effect: springs vanish with the residual.
-        tolerance: Likewise.
-        max_solves: Likewise.
+        tolerance: Deprecated, without effect, as ``decrease``.
+        max_solves: Deprecated, without effect, as ``decrease``.
 
     Raises:
         ValueError: If the stiffness is not positive.
 
     Warns:
-        DeprecationWarning: If one of the others is given.
+        DeprecationWarning: If a deprecated argument is given.
     """
 
     stiffness: float | None = None
@@ -50,8 +51,8 @@ class Stabilisation:
         ]
         if given:
             warnings.warn(
-                f"{', '.join(given)}: has no effect any more, springs vanish with the residual: "
-                "leave it out",
+                f"{', '.join(given)}: no longer has an effect, since springs vanish with the "
+                "residual: leave it out",
                 DeprecationWarning,
                 stacklevel=3,
             )

@@ -44,10 +44,10 @@ def check_unsupported(system: ContactSystem, start: Array) -> None:
                 tell(
                     contact,
                     UNSUPPORTED,
-                    f"u[{body}]: the body has turned by about {turned:.2g} rad where nothing but "
-                    "frictionless contact holds it; curved surfaces that fit each other do not "
-                    "resist this, so that the result is one of many: hold its rotation by "
-                    "Dirichlet conditions, or give the contact friction",
+                    f"u[{body}]: the body has rotated by about {turned:.2g} rad, a motion in which "
+                    "only frictionless contact supports it; curved surfaces that fit each other do "
+                    "not resist this motion, so that the result is not unique: hold its rotation "
+                    "by Dirichlet conditions, or give the contact friction",
                 )
 
 

@@ -35,17 +35,19 @@ JUMP = 0.005
 
 
 class RemeshingReport(typing.NamedTuple):
-    """What a remeshing in time steps has changed.
+    """Report of a remeshing in time steps.
 
     Attributes:
-        step: Steps made before.
+        step: Number of steps made before.
         t: Time.
-        why: Which criterion held.
-        bodies: Of each body what its new mesh has changed; None if it has kept its mesh.
-        multipliers: Of each contact ∫ λ̂ before and after, shape (2, columns).
-        forces: Of each contact the force on the slave in equilibrium on the old and on the new
-            mesh, shape (2, gdim); NaN where none could be found.
-        energy: What ``energy`` of :class:`qs.Remeshing` was on both meshes; None without it.
+        why: Criterion that caused the remeshing.
+        bodies: Report of the new mesh of each body; None if the body has kept its mesh.
+        multipliers: Integral of the multipliers of each contact before and after the transfer,
+            shape (2, columns).
+        forces: Force on the slave of each contact in equilibrium on the old and on the new mesh,
+            shape (2, gdim); NaN where no equilibrium was found.
+        energy: Values of ``energy`` of :class:`qs.Remeshing` on the old and on the new mesh; None
+            without it.
     """
 
     step: int
@@ -63,7 +65,7 @@ class RemeshingReport(typing.NamedTuple):
 
     @property
     def force_jump(self) -> float:
-        """Largest change of a force over the largest force; NaN if one is not known."""
+        """Largest change of a force over the largest force; NaN if a force is not known."""
         if not self.forces:
             return 0.0
         largest = max(float(np.linalg.norm(force, axis=1).max()) for force in self.forces)
@@ -72,7 +74,7 @@ class RemeshingReport(typing.NamedTuple):
 
     @property
     def num_cells(self) -> int:
-        """Cells of the new meshes."""
+        """Number of cells of the new meshes."""
         return sum(body.num_cells for body in self.bodies if body is not None)
 
     def __str__(self) -> str:
@@ -353,8 +355,8 @@ def _both(before: _Balance, after: _Balance) -> tuple[Array, ...]:
 def _advise(report: RemeshingReport) -> None:
     if report.force_jump > JUMP:
         warnings.warn(
-            f"remeshing: forces changed by {report.force_jump:.2%}, more than {JUMP:.1%}, with the "
-            "mesh; ask for smaller cells where bodies touch",
+            f"remeshing: forces changed by {report.force_jump:.2%}, more than {JUMP:.1%}, due to "
+            "the new mesh; ask for smaller cells where bodies touch",
             ContactWarning,
             stacklevel=2,
         )

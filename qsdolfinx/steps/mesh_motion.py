@@ -138,13 +138,13 @@ class MeshMotion:
         self.move()
 
     def quality(self, x: Array | None = None) -> float:
-        """Worst shape of a cell: 1 at best, 0 flat, negative turned inside out. Collective.
+        """Quality of the worst cell: 1 is best, 0 flat, negative turned inside out. Collective.
 
-        The determinant of the edges at a corner of unit edges' length, by the longest edge there;
-        of curved cells also the Jacobian at a node, in units of the cell's mean.
+        It is the determinant of the edges at a corner, scaled by the longest edge there; for curved
+        cells also the Jacobian at a node, in units of the cell's mean Jacobian.
 
         Args:
-            x: Coordinates, shape (geometry nodes, 3); by default those of the mesh as it is.
+            x: Coordinates, shape (geometry nodes, 3); by default the present ones of the mesh.
         """
         x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
         corners = self._corners(x) * self._sign

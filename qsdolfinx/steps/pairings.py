@@ -187,7 +187,7 @@ class Pairings:
         for i, (motion, moved) in enumerate(zip(self._motions, places, strict=True)):
             motion.move(motion.values(moved))
             if motion.quality() <= 0:
-                raise DistortedError(f"a cell of u[{i}] turns inside out on the way")
+                raise DistortedError(f"a cell of u[{i}] turns inside out in the step")
             offsets.append(fem.Function(motion.u.function_space))
             offsets[-1].x.array[:] = -motion.carried(moved)
             starts.append(self._start_of(i))

@@ -88,7 +88,7 @@ class Penetration:
         if place is None and not too_deep:
             return None
         if place is not None and place.depth <= limit + allowed:
-            return f"{place} has passed through the other surface, unseen by contact"
+            return f"{place} has passed through the other surface without being detected"
         name = "max_penetration" if self.limit != "auto" else "max_penetration (by default)"
         return f"a penetration of {place or f'{deepest:.4g}'}, above {name} = {limit:.4g}"
 

@@ -1,4 +1,4 @@
-"""When bodies get new meshes in time steps, and how."""
+"""Remeshing in time steps: criteria and parameters."""
 
 from __future__ import annotations
 
@@ -38,38 +38,41 @@ LIST = instance((list, tuple), "a list")
 
 
 class Remeshing:
-    """When and how a :class:`qs.TimeStepper` gives bodies new meshes.
+    """Remeshing in a :class:`qs.TimeStepper`: when and how bodies get new meshes.
 
-    A body in velocities gets a new mesh (:func:`qs.remesh`) at the start of a step at which one of
+    All velocity-based bodies get new meshes (:func:`qs.remesh`) at the start of a step if one of
     the criteria holds, or when no step can be made because a mesh is distorted. Velocities,
-    pressures and named fields are carried over (:func:`qs.transfer`), multipliers and the history
-    of friction from the old contact surfaces to the new ones. Tools stay where they are. Then
-    equilibrium is found again.
+    pressures and named fields are transferred (:func:`qs.transfer`), and so are multipliers and the
+    history of friction on the contact surfaces. Tools keep their positions. Then equilibrium is
+    found again.
 
-    Forms, conditions and surfaces belong to a mesh, so that there is a new problem: ``build`` makes
-    it. ``stepper.problem`` is then that one, and ``solve`` of the stepper has to use it.
+    Forms, conditions and surfaces belong to a mesh, so that a new problem is needed: ``build``
+    makes it. It is then ``stepper.problem``; the ``solve`` argument of the stepper has to use this
+    problem.
 
     Args:
         build: Called with the meshes of all bodies and the tags of their facets, in the order of
-            the problem's unknowns; returns a problem with the same bodies, contacts and tools in
-            the same order, or a pair of it and its ``qs.Staggered``, whose temperatures are
-            carried over, with their integrals. It may put what it makes in place of what the
-            program has used so far.
-        size: Of cells (length); or a function of a mesh that returns what ``qs.remesh`` takes for a
-            size, called for each new mesh with the old one.
-        facet_tags: Tags of the facets of each body's mesh, to be carried over; None for none. A
-            list of one for each body.
-        min_quality: Shape of the worst cell (see MeshMotion.quality) below which meshes are made,
-            and which those of new meshes should have (see :func:`qs.remesh`); None for no such
+            the problem's unknowns. It returns a problem with the same bodies, contacts and tools in
+            the same order, or a pair of this problem and its ``qs.Staggered``; temperatures are
+            transferred, and their integrals are kept. ``build`` may replace objects of the program
+            by the new ones.
+        size: Cell size (length), or a function of a mesh that returns a size as in ``qs.remesh``;
+            it is called with the old mesh for each new mesh.
+        facet_tags: Tags of the facets to be transferred, a list with one entry for each body's
+            mesh; None for no tags.
+        min_quality: Bodies are remeshed if the quality of the worst cell (see MeshMotion.quality)
+            is below this value; new meshes should have at least this quality (see
+            :func:`qs.remesh`). None for no such criterion.
+        every: Number of steps after which bodies are remeshed; None for no such criterion.
+        max_penetration: Penetration (length) above which bodies are remeshed; None for no such
             criterion.
-        every: Steps after which new meshes are made; None for no such criterion.
-        max_penetration: Depth (length) of contact above which they are made; None for no such
+        when: Function of the stepper that returns whether to remesh now; None for no such
             criterion.
-        when: Called with the stepper, says whether to make them now; None for no such criterion.
-        fields: Returns the functions to be carried over, by names; called before ``build``, and
-            after it for those on the new meshes to be filled.
-        energy: Returns a form that is integrated on the old and on the new mesh, such as a strain
-            energy or a dissipation, to be compared in the report.
+        fields: Function that returns the functions to be transferred, by name. It is called before
+            ``build``, and again after it to get the functions on the new meshes, which are then
+            filled.
+        energy: Function that returns a form, such as a strain energy or a dissipation. The form is
+            integrated on the old and on the new mesh, for a comparison in the report.
         axisymmetric: Whether coordinates are (r, z).
         feature_angle: See :func:`qs.remesh`.
         gradation: See :func:`qs.remesh`.
@@ -124,10 +127,10 @@ class Remeshing:
         self.gradation, self.mesher = gradation, mesher
 
     def check(self, problem: ContactProblem) -> None:
-        """Refuse a problem that has no body to be meshed, or another number of bodies.
+        """Check that a problem has a body to be remeshed, and the right number of bodies.
 
         Raises:
-            ValueError: With what is wrong.
+            ValueError: If it has not.
         """
         flows = "velocity" in problem.unknowns
         require(flows, "remesh: only bodies in velocities get new meshes, and there is none")
@@ -139,12 +142,12 @@ class Remeshing:
                 check_mesher(u.function_space.mesh, self.mesher)
 
     def due(self, scene: Scene, steps: int, stepper: object) -> str | None:
-        """Why bodies should get new meshes now; None if they need not. Collective.
+        """Reason for a remeshing now; None if none is needed. Collective.
 
         Args:
-            scene: What steps move.
-            steps: Made since the last remeshing.
-            stepper: What ``when`` is called with.
+            scene: Bodies, tools and contacts of the stepper.
+            steps: Number of steps since the last remeshing.
+            stepper: Argument for ``when``.
         """
         if self.every is not None and steps >= self.every:
             return f"every = {self.every}"
@@ -167,5 +170,5 @@ class Remeshing:
         return None
 
     def size_for(self, msh: mesh.Mesh) -> typing.Any:
-        """Sizes of cells of a body, as ``qs.remesh`` takes them."""
+        """Cell sizes of a body, as an argument for ``qs.remesh``."""
         return self.size(msh) if callable(self.size) else float(self.size)

@@ -37,17 +37,18 @@ def save_run(
     functions: typing.Mapping[str, fem.Function] | None = None,
     values: typing.Mapping[str, typing.Any] | None = None,
 ) -> None:
-    """Write all that the steps to come depend on. Collective; see Checkpoint.save.
+    """Write a checkpoint with all data that the next steps need. Collective; see Checkpoint.save.
 
-    With a stepper that makes new meshes also these, see :func:`qs.load_meshes`.
+    With remeshing, the meshes of the bodies are also written, see :func:`qs.load_meshes`.
 
     Args:
         stepper: The run, after a step.
-        folder: Folder of the checkpoint; an existing one is replaced when the new one is whole.
-        functions: Functions of the user's own, such as accumulated strains; also at quadrature
-            points, such as ``J2Plasticity.state``. There is a warning of those that forms have and
-            that are not among them.
-        values: Numbers of the user's own, such as accumulated work; what JSON can hold.
+        folder: Folder of the checkpoint. An existing checkpoint is replaced when the new one is
+            complete.
+        functions: Your own functions, such as accumulated strains; also at quadrature points, such
+            as ``J2Plasticity.state``. A warning names functions at quadrature points that are in
+            the forms, but not given here.
+        values: Your own numbers, such as accumulated work; they must be writable as JSON.
     """
     _check(stepper, folder, functions, values)
     _look_for_states(stepper, functions or {})
@@ -84,8 +85,8 @@ def _look_for_states(stepper: TimeStepper, saved: typing.Mapping[str, fem.Functi
     )
     if lost:
         warn(
-            f"functions: the forms depend on {', '.join(lost)}, which the checkpoint does not "
-            "hold; give them to save_run and load_run, such as the state of a J2Plasticity",
+            f"functions: the forms depend on {', '.join(lost)}, not contained in the checkpoint: "
+            "give these functions to save_run and load_run, such as the state of a J2Plasticity",
             ContactWarning,
         )
 
@@ -97,24 +98,24 @@ def load_run(
 ) -> dict[str, typing.Any]:
     """Continue from a checkpoint, on any number of ranks. Collective.
 
-    Contacts are paired where the run ended, and show gaps and forces of the saved multipliers
-    there: the saved ones, but for what areas and normals have changed since the last step paired;
-    with a penalty those of the gaps there, which may differ by more on a curved tool.
+    Contact detection is done at the positions at which the run ended. Gaps and forces of contacts
+    are then those of the saved multipliers. They differ from the saved forces only by the change of
+    areas and normals since the contact detection of the last step. With a penalty they are those of
+    the gaps at these positions; on a curved tool this difference may be larger.
 
     Args:
-        stepper: The run, set up just as before; on the meshes of :func:`qs.load_meshes` if it has
-            made new ones. Forces that drive tools (``tool.drive``), loads and
-            Dirichlet values are not in the checkpoint: set them again, as the stepper's ``drive``
-            does at each step.
+        stepper: The run, set up exactly as before; on the meshes of :func:`qs.load_meshes` if it
+            was remeshed. Forces on tools (``tool.drive``), loads and Dirichlet values are not in
+            the checkpoint: set them again, as the stepper's ``drive`` does in each step.
         folder: Folder of the checkpoint.
         functions: As for save_run.
 
     Returns:
-        The user's values that save_run was given.
+        The ``values`` that were given to save_run.
 
     Raises:
         OSError: If there is no checkpoint.
-        ValueError: If it is of another run; nothing is changed then.
+        ValueError: If the checkpoint is of another run; nothing is changed then.
     """
     _check(stepper, folder, functions, {})
     models = [contact.model for contact in stepper.problem.contacts]
@@ -180,7 +181,7 @@ def _check(
         try:
             json.dumps(dict(values or {}))
         except (TypeError, ValueError) as error:
-            raise TypeError(f"values: must be what JSON can hold: {error}") from None
+            raise TypeError(f"values: must be writable as JSON: {error}") from None
         same(folder=str(folder), functions=list(functions or {}))
 
 

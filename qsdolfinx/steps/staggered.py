@@ -22,23 +22,25 @@ LIST = instance((list, tuple), "a list of dolfinx.fem.Function")
 
 
 class Staggered:
-    """Heat after motion: with T of the step's start the bodies move, then T is solved for.
+    """Staggered thermo-mechanical coupling: in each step, temperatures are solved after motion.
 
-    The isothermal split, of order 1 in Δt, as backward Euler is, which :func:`qs.materials.heat`
-    has: the bodies see the temperature of the step's start, and the heat of the step, from plastic
-    work and friction, is that of the motion just found. Temperatures belong to the material, as the
-    meshes of bodies in velocities move with it. If either solve fails the step is made again.
+    This is the isothermal split, of order 1 in Δt, as the backward Euler method of
+    :func:`qs.materials.heat`. The bodies move with the temperature at the start of the step. The
+    heat of the step, from plastic work and friction, is then that of the motion just found.
+    Temperatures move with the material, since the meshes of velocity-based bodies move with it. If
+    either solve fails, the step is made again.
 
     Args:
-        problem: Of the temperatures, on the meshes of the bodies or of tools. Its contacts have the
-            pairs of the bodies' ones if made with ``of``, else they pair where bodies are.
-        before: Temperature at the start of the step for each unknown of the problem, as its form
-            has it; here it is set to the result when a step is accepted.
-        dt: Constants of the forms that are Δt (time), set before each solve.
+        problem: Problem for the temperatures, on the meshes of the bodies or of tools. Its contacts
+            use the contact pairs of the mechanical contacts if they were made with ``mechanics``;
+            otherwise they have their own contact detection at the positions of the bodies.
+        before: Temperature at the start of the step for each unknown of the problem: the Function
+            in its form. It is set to the result when a step is accepted.
+        dt: Constants in the forms that are Δt (time); set before each solve.
 
     Raises:
-        TypeError: If something is of another type.
-        ValueError: If ``before`` has another number of functions, or one of another space.
+        TypeError: If an argument is of another type.
+        ValueError: If ``before`` has another number of functions, or a function of another space.
     """
 
     def __init__(
@@ -61,22 +63,22 @@ class Staggered:
             for constant in constants:
                 check(instance(fem.Constant, "a dolfinx.fem.Constant"), dt=constant)
             rates = any(old in body.form.coefficients() for old, body in _pairs(before, problem))
-            text = "dt: must be the Constant in the form that is the length of the step"
+            text = "dt: give the Constant of the form that is the length Δt of the step"
             require(not rates or len(constants) > 0, text)
         self.problem, self.before, self._dt = problem, list(before), constants
 
     def check(self, problem: ContactProblem) -> None:
-        """Refuse to be solved after this problem.
+        """Check that this is not the problem of the bodies.
 
         Raises:
-            ValueError: If it is the same.
+            ValueError: If it is.
         """
         require(
-            problem is not self.problem, "staggered: must be of another problem than the bodies'"
+            problem is not self.problem, "staggered: needs a problem other than that of the bodies"
         )
 
     def begin(self) -> None:
-        """Start from what there is before the first step."""
+        """Set the unknowns to the temperatures before the first step."""
         for u, old in zip(self.problem.u, self.before, strict=True):
             u.x.array[:] = old.x.array
 
@@ -85,11 +87,11 @@ class Staggered:
 
         Args:
             dt: Δt.
-            places: Where the motion of the step has put bodies, for contacts that pair by
-                themselves.
+            places: Positions of the bodies after the motion of the step, for contacts with their
+                own contact detection.
 
         Raises:
-            ConvergenceError: If that fails.
+            ConvergenceError: If the solve fails.
         """
         for constant in self._dt:
             constant.value = dt
@@ -103,7 +105,7 @@ class Staggered:
         self.problem.solve()
 
     def accept(self) -> None:
-        """Let the next step start from the result."""
+        """Accept the result as the start of the next step."""
         for u, old in zip(self.problem.u, self.before, strict=True):
             old.x.array[:] = u.x.array
 

@@ -22,12 +22,12 @@ class Attempt:
 
     Attributes:
         step: Number of the step, from 1 on.
-        attempt: Number of the attempt at it, from 1 on.
+        attempt: Number of the attempt at this step, from 1 on.
         t: Time at which the attempt ends.
-        dt: Its Δt.
-        iterations: Newton iterations, over all pairings.
+        dt: Δt of the attempt.
+        iterations: Newton iterations, over all contact detections.
         result: ``"accepted"``, ``"cut back"``, or ``"failed"`` if no smaller Δt is tried.
-        reason: Why it was not accepted; empty if it was.
+        reason: Why the attempt was not accepted; empty if it was.
         closed: Active constraints of each contact, over all ranks, when the attempt ended; empty if
             they are not known.
     """
@@ -46,9 +46,9 @@ _COLUMNS = [field.name for field in dataclasses.fields(Attempt)]
 
 
 class StepLog:
-    """Attempts of a run, the first one first: a sequence of :class:`Attempt`, and a table as text.
+    """Log of all attempts of a run: a sequence of :class:`Attempt` in order; its text is a table.
 
-    It is the same on all ranks.
+    The log is the same on all ranks.
 
     Args:
         comm: Communicator of the run.
@@ -99,11 +99,11 @@ class StepLog:
                     writer.writerows([_cells(row) for row in self._rows])
 
     def stored(self) -> list[list[typing.Any]]:
-        """What JSON can hold of it."""
+        """Return the log as lists, for JSON."""
         return [[getattr(row, name) for name in _COLUMNS] for row in self._rows]
 
     def restore(self, stored: typing.Sequence[typing.Sequence[typing.Any]]) -> None:
-        """Put back what :meth:`stored` has given."""
+        """Restore the log from the result of :meth:`stored`."""
         self._rows = [_attempt(values) for values in stored]
 
 

@@ -1,4 +1,4 @@
-"""What every run can say of its last step, for tables."""
+"""Numbers of the last step of any run, for tables."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from qsdolfinx.steps.stepper import TimeStepper
 
 
 def step_row(stepper: TimeStepper) -> dict[str, float]:
-    """What every run can say of its last step. Collective.
+    """Return the main numbers of the last step as a table row. Collective.
 
     Returns:
         Step, time, Δt, Newton iterations and failed attempts; for each contact the force on the
-        slave, the area in contact and the deepest penetration; the volume of each mesh. Of 2D
-        bodies these are per length, in plane volumes are areas; of axisymmetric ones they are those
-        of the whole ring, 2π ∫ r dA. The volume of a body in displacements is that of its reference
-        mesh, which does not change. A body is axisymmetric if a surface of its contacts is.
+        slave, the area in contact and the deepest penetration; and the volume of each mesh. For 2D
+        bodies the values are per length, so that volumes in the plane are areas. For axisymmetric
+        bodies they are those of the whole ring, 2π ∫ r dA. A body is axisymmetric if a surface of
+        its contacts is. The volume of a displacement-based body is that of its reference mesh,
+        which does not change.
     """
     check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
     row: dict[str, float] = {

@@ -1,4 +1,4 @@
-"""Time steps: bodies in velocities flow, bodies in displacements deform, contact pairs anew."""
+"""Time steps for displacement-based and velocity-based bodies, with contact detection."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ MORE_PAIRINGS = 3
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
 CUTBACK = number("a number above 0 and below 1", lambda x: 0 < x < 1)
 
-NO_REMESHING = "there is nothing to make a new mesh with; give the stepper remesh=qs.Remeshing(...)"
+NO_REMESHING = "there is nothing to make a new mesh with: give the stepper remesh=qs.Remeshing(...)"
 
 
 class StepError(RuntimeError):
-    """No step could be made; all is as at the end of the last one, what contacts show included."""
+    """No step could be made; the state, with results of contacts, is that after the last step."""
 
 
 class _Fault(Exception):
@@ -76,59 +76,62 @@ class _Fault(Exception):
 
 
 class TimeStepper:
-    """Steps t → t + Δt of a contact problem.
+    """Time stepper: steps t → t + Δt of a contact problem, with automatic control of Δt.
 
-    A body in velocities v is solved for where its mesh is during the step, and its mesh then moves:
-    x ← x + v Δt, (2). With ``theta=0`` that is the mesh at t, the paper's scheme, of order 1. With
-    ``theta=0.5`` it is the mesh at t + Δt/2, moved there by the velocity of the last step, of order
-    2 at the same cost; the very first step is made twice. A body in displacements u, total ones,
-    keeps its mesh as the reference, so that the matrix of a linear one is assembled once; contact
-    sees it deformed. Either way gaps are those at the end of the step.
+    A velocity-based body with velocity v is solved on its mesh at a time within the step; its mesh
+    then moves: x ← x + v Δt, (2). With ``theta=0`` this is the mesh at t: the scheme of the paper,
+    of order 1. With ``theta=0.5`` it is the mesh at t + Δt/2, predicted with the velocity of the
+    last step: of order 2 at the same cost; the very first step is solved twice. A displacement-
+    based body with total displacements u keeps its mesh as the reference configuration, so that the
+    matrix of a linear body is assembled once. Contact uses its deformed configuration. In both
+    cases gaps are those at the end of the step.
 
-    When the solver does not converge, a cell turns inside out or something penetrates too far, the
-    step is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed
-    on, and leaves the state at the end of the last step too: unknowns, meshes, tools with what they
-    were told to do, and contacts. Each attempt is a row of :attr:`log`, and one that is cut back is
-    logged (INFO) with its reason. A ``problem.solve()`` after a step starts there as well: contact
-    pairs where the step has left bodies and tools.
+    If the solver does not converge, a cell turns inside out or a point penetrates too far, the step
+    is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed on.
+    Then, too, the state is that at the end of the last step: unknowns, meshes, tools with their
+    prescribed motion, and contacts. Each attempt is a row of :attr:`log`; an attempt that is cut
+    back is logged (INFO) with its reason. A ``problem.solve()`` after a step starts from the end of
+    the step: contact detection is done at the positions of bodies and tools there.
 
-    Contacts whose ``sliding`` was left open follow the bodies (``"finite"``) from here on, where
-    they can; see :class:`qs.Contact`.
+    Contacts whose ``sliding`` was not given get finite sliding in the stepper, where this is
+    possible; see :class:`qs.Contact`.
 
     Args:
-        problem: The problem. A body in velocities is one whose contacts say so.
+        problem: The problem. A body is velocity-based if its contacts have ``unknown="velocity"``
+            for it.
         dt: First Δt, time.
         drive: Called as ``drive(t + Δt, Δt)`` before each attempt: sets loads, Dirichlet values,
-            and displacements of rigid tools over the step. What it raises on one rank is raised on
-            all, unless others wait for that rank in a collective call of its own.
-        solve: Called instead of ``problem.solve``, with the step's number from 0 on.
-        theta: Part of the step, from 0 to 1, after which bodies in velocities are solved for.
-        num_pairings: How often contact with small sliding pairs in a step at least: at first where
-            the last step's rate leads to, then where the solution found so far does (bodies in
-            velocities: after the part theta of the step). It does so once more, up to three times,
-            where nodes in contact are elsewhere than they were paired by more than a twentieth of a
-            facet (bodies in velocities: a quarter), as in steps in which a tool starts, stops, or
-            turns.
-        dt_min: Δt below which no step is tried; by default dt / 1000.
+            and displacements of rigid tools over the step. An exception on one rank is raised on
+            all ranks, unless others wait for that rank in a collective call within ``drive``.
+        solve: Called instead of ``problem.solve``, with the number of the step, from 0 on.
+        theta: Part of the step, from 0 to 1, after which velocity-based bodies are solved.
+        num_pairings: Least number of contact detections in a step, for contact with small sliding:
+            the first at the positions predicted with the rate of the last step, the next ones at
+            the solution found so far (velocity-based bodies: after the part theta of the step). Up
+            to three more follow while nodes in contact are further than a twentieth of a facet
+            (velocity-based bodies: a quarter) from their positions in the last contact detection.
+            This happens in steps in which a tool starts, stops, or turns.
+        dt_min: Smallest Δt that is tried; by default dt / 1000.
         dt_max: Largest Δt; by default dt.
-        growth: Factor of Δt after a step of at most ``easy`` Newton iterations, for each time that
-            contact paired.
-        cutback: Factor of Δt after a failure.
-        easy: See growth.
+        growth: Factor of Δt after a step with at most ``easy`` Newton iterations for each contact
+            detection.
+        cutback: Factor of Δt after a failed attempt.
+        easy: Number of Newton iterations for ``growth``.
         max_penetration: Largest true depth (length) of points of either surface at the end of a
-            step, on top of the initial overclosure that is allowed to stay. Points that have passed
-            through the other surface count however deep they are.
-            ``"auto"``: half of the largest facet, not of ties. None: not limited.
-        max_rotation: Largest angle (radians) by which rigid tools, and normals of contact surfaces,
-            turn in a step; not limited by default.
-        max_slip: Largest way of nodes in contact along the other surface in a step, in units of the
-            facets there; not limited by default.
-        min_quality: Shape of the worst cell, see MeshMotion.quality, at which to stop.
+            step, in addition to the initial overclosure that is allowed. Points that have passed
+            through the other surface count at any depth. ``"auto"``: half of the largest facet, and
+            no limit for ties. None: no limit.
+        max_rotation: Largest rotation (radians) of rigid tools and of normals of contact surfaces
+            in a step; no limit by default.
+        max_slip: Largest distance that nodes in contact slide along the other surface in a step, in
+            units of its facets; no limit by default.
+        min_quality: Least quality of the worst cell, see MeshMotion.quality; a step below it is not
+            accepted.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
-        staggered: Another problem that is solved after the bodies in each step, such as of their
-            temperatures: see :class:`qs.Staggered`.
+        staggered: Another problem, such as for the temperatures of the bodies, that is solved after
+            the bodies in each step: see :class:`qs.Staggered`.
         remesh: When and how bodies get new meshes: at the start of a step, or when no step can be
-            made as a mesh is distorted. None: never.
+            made because a mesh is distorted. None: no remeshing.
 
     Raises:
         TypeError: If the problem is of another type.
@@ -138,18 +141,20 @@ class TimeStepper:
     Attributes:
         t: Time at the end of the last step.
         dt: Δt that will be tried next; can be set, up to ``dt_max``.
-        last_dt: Δt of the last step; 0 before the first.
-        num_steps: Steps made.
-        num_cutbacks: Attempts that failed, so far.
-        log: All attempts so far, a row each: ``print(stepper.log)`` is a table.
-        num_iterations: Newton iterations of the last step, over its attempts and pairings.
-        total_iterations: The same of all steps so far, those that failed and remeshings included.
-        on_solved: Function without arguments that is called once a step, when it has succeeded,
-            while the meshes are where it was solved for; None, the default, for none. Can be set.
-            What it raises on one rank is raised on all.
-        remeshing: When and how bodies get new meshes; None for never.
-        remeshings: What each remeshing has changed, the last one last.
-        remeshed_at: Steps made before the last remeshing; -1 before the first.
+        last_dt: Δt of the last step; 0 before the first step.
+        num_steps: Number of steps made.
+        num_cutbacks: Number of failed attempts so far.
+        log: All attempts so far, one row each: ``print(stepper.log)`` is a table.
+        num_iterations: Newton iterations of the last step, over its attempts and contact
+            detections.
+        total_iterations: Newton iterations of all steps so far, including failed attempts and
+            remeshings.
+        on_solved: Function without arguments that is called once in each successful step, with the
+            meshes where the bodies were solved; None, the default, for no function. Can be set. An
+            exception on one rank is raised on all ranks.
+        remeshing: When and how bodies get new meshes; None for no remeshing.
+        remeshings: Report of each remeshing, in order of time.
+        remeshed_at: Number of steps made before the last remeshing; -1 before the first remeshing.
     """
 
     def __init__(
@@ -229,12 +234,12 @@ class TimeStepper:
 
     @property
     def problem(self) -> ContactProblem:
-        """The problem; another one after bodies have got new meshes."""
+        """The problem; replaced by a new problem after a remeshing."""
         return self._scene.problem
 
     @property
     def staggered(self) -> Staggered | None:
-        """What is solved after the bodies; another one after bodies have got new meshes."""
+        """The problem that is solved after the bodies; replaced by a new one after a remeshing."""
         return self._scene.staggered
 
     @property
@@ -249,29 +254,29 @@ class TimeStepper:
 
     @property
     def in_velocity(self) -> list[bool]:
-        """Whether each body has velocities."""
+        """Whether each body is velocity-based."""
         return self._scene.in_velocity
 
     @property
     def rates(self) -> list[Array]:
         """Velocities of the last step: the unknowns, or the change of displacements over Δt.
 
-        At first zero. They are where the next step starts from.
+        They are the initial guess of the next step; zero before the first step.
         """
         return self._scene.rates
 
     @property
     def tool_rates(self) -> list[ToolRate]:
-        """The same of rigid tools."""
+        """Velocities of the rigid tools in the last step."""
         return self._scene.tool_rates
 
     @property
     def missed(self) -> list[Array]:
-        """By how much the last step missed what was expected of it, length; at first zero."""
+        """Difference of the last step's solution and its prediction (length); at first zero."""
         return self._scene.missed
 
     def ends(self) -> list[tuple[ContactModel, Place, Place | None]]:
-        """Each contact with where its slave's and its master's body are between two steps."""
+        """Each contact with the positions of its slave's and master's body between two steps."""
         places = [Place.of(*given) for given in zip(self.motions, self.in_velocity, strict=True)]
         return [
             (contact.model, places[s], None if m is None else places[m])
@@ -299,15 +304,16 @@ class TimeStepper:
         """Make one step. Collective.
 
         Args:
-            t_end: Time not to step over.
+            t_end: Latest time at which the step may end.
 
         Returns:
-            Its Δt.
+            Δt of the step.
 
         Raises:
-            StepError: If it cannot be made, even with the smallest Δt, or a mesh is distorted.
-            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever have received it; all is as at
-                the end of the last step, or, if it came at the very last, of this one.
+            StepError: If the step cannot be made, even with the smallest Δt, or a mesh is
+                distorted.
+            KeyboardInterrupt: After Ctrl-C, on all ranks, whichever ranks have received it; the
+                state is that at the end of the last step or, if it came very late, of this step.
         """
         with checked(self.problem.comm) as same:
             same(either(FINITE, None), t_end=t_end)
@@ -330,20 +336,20 @@ class TimeStepper:
 
     @property
     def steps_since_remeshing(self) -> int:
-        """Steps made since bodies got their present meshes."""
+        """Number of steps since the last remeshing, or since the start."""
         return self.num_steps - max(self.remeshed_at, 0)
 
     def remesh(self, why: str = "asked for") -> RemeshingReport:
-        """Give bodies new meshes as they are now, and find equilibrium there. Collective.
+        """Remesh the bodies in their present configuration, and find equilibrium. Collective.
 
         Args:
-            why: What the report is to say.
+            why: Reason for the remeshing, for the report.
 
         Returns:
-            What it has changed; also the last one of :attr:`remeshings`.
+            Report of the remeshing; also the last entry of :attr:`remeshings`.
 
         Raises:
-            RemeshError: If no valid mesh can be made, with the places that are to blame.
+            RemeshError: If no valid mesh can be made, with the places that cause it.
             StepError: If there is no equilibrium on the new mesh.
             RuntimeError: If the stepper was made without ``remesh``.
         """
@@ -481,7 +487,7 @@ class TimeStepper:
         return left if left <= dt * (1 + 1e-9) else min(dt, max(left / 2, self.dt_min))
 
     def run(self, t_end: float) -> typing.Iterator[float]:
-        """Make steps until t_end; yields the time after each. Collective.
+        """Make steps until t_end; yields the time after each step. Collective.
 
         Raises:
             StepError: As :meth:`step`.

@@ -1,4 +1,4 @@
-"""Meshes of bodies in a checkpoint: those that a run has made on the way."""
+"""Meshes of remeshed bodies in a checkpoint."""
 
 from __future__ import annotations
 
@@ -48,21 +48,21 @@ def _arrays(outline: Outline) -> Arrays:
 def load_meshes(
     comm: MPI.Intracomm, folder: str | pathlib.Path
 ) -> tuple[list[mesh.Mesh | None], list[mesh.MeshTags | None]]:
-    """Meshes of a run that has made new ones on the way, from its checkpoint. Collective.
+    """Load the meshes of a run with remeshing from its checkpoint. Collective.
 
-    Make the problem on them, with ``remesh`` for the stepper as before, and go on with
-    :func:`qs.load_run`. Rank 0 reads them and hands them out.
+    Make the problem on these meshes, with ``remesh`` for the stepper as before, and continue with
+    :func:`qs.load_run`. Rank 0 reads the meshes and distributes them.
 
     Args:
         comm: Communicator, of any number of ranks.
-        folder: What :func:`qs.save_run` was given.
+        folder: Folder of the checkpoint, as in :func:`qs.save_run`.
 
     Returns:
-        For each body its mesh, and the tags of its facets; None of bodies that keep their meshes.
+        For each body its mesh, and the tags of its facets; None for bodies that keep their meshes.
 
     Raises:
         OSError: If there is no checkpoint.
-        ValueError: If it is of a run without new meshes.
+        ValueError: If the checkpoint is of a run without remeshing.
     """
     with checked(comm) as same:
         check(COMM, comm=comm)

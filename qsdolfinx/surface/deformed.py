@@ -112,7 +112,7 @@ def _check(x: Array, meshed: Array) -> None:
     if flat := max(vanished, _cpp.count_degenerate(x.shape[1], x)):
         raise ValueError(
             f"{flat} deformed contact facets are degenerate (zero area, or not convex), so that "
-            "there is no distance to them"
+            "distances to them are not defined"
         )
 
 

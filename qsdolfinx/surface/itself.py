@@ -52,8 +52,8 @@ def boundary_of(surface: Surface) -> Surface:
         total = surface.comm.allreduce(local, op=MPI.SUM)
         if np.linalg.norm(total[:3]) > CLOSED * total[3]:
             raise ValueError(
-                "slave and master: contact of a surface with itself has to know what is inside, "
-                "and the boundary of the mesh is not closed: are cells turned inside out?"
+                "slave and master: contact of a surface with itself needs a closed boundary of the "
+                "mesh to know what is inside, and it is not closed: are cells turned inside out?"
             )
     return out
 

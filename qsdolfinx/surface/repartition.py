@@ -1,4 +1,4 @@
-"""The cells of a mesh on other ranks, so that contact's work is shared."""
+"""Repartitioning of a mesh, to share the work of contact between ranks."""
 
 from __future__ import annotations
 
@@ -30,27 +30,28 @@ _SKEW = 1e-6 / np.pi ** np.arange(3)
 def repartition(
     msh: mesh.Mesh, directions: npt.ArrayLike, *tags: mesh.MeshTags
 ) -> tuple[typing.Any, ...]:
-    """The same mesh on other ranks: cut by planes across some directions. Collective.
+    """Distribute a mesh anew, partitioned by planes normal to given directions. Collective.
 
-    Cells are halved where they extend farthest, and the halves again, until there is a part for
-    each rank (recursive coordinate bisection: Berger & Bokhari, 1987); parts differ by a cell. Cut
-    across directions that lie in the contact surface, each rank has its part of that surface and
-    of what faces it. A partition of the graph of cells may cut a body along the surface, and leave
-    all of it to some ranks.
+    The cells are divided into two halves in the direction of their largest extent, and the halves
+    again, until there is a part for each rank (recursive coordinate bisection: Berger & Bokhari,
+    1987); the numbers of cells of the parts differ by one at most. With directions that lie in the
+    contact surface, each rank has a part of this surface and of the surface opposite. A graph
+    partition, in contrast, may cut a body along the contact surface, and give all of the surface to
+    a few ranks.
 
     Args:
-        msh: Mesh of one type of cells.
-        directions: Vectors to cut across, shape (n, gdim).
-        tags: Of cells, facets, edges or vertices of the mesh.
+        msh: Mesh with one cell type.
+        directions: Vectors normal to the cutting planes, shape (n, gdim).
+        tags: Tags of cells, facets, edges or vertices of the mesh.
 
     Returns:
-        The mesh without ghost cells, and the tags on it, with the names they had: always a tuple,
+        The mesh without ghost cells, and the tags on it, with their names: always a tuple,
         ``(msh,)`` without tags.
 
     Raises:
-        ValueError: If there is no direction, or one is zero or of another dimension, or tags are
-            those of another mesh.
-        TypeError: If it is no mesh, or tags are something else.
+        ValueError: If there is no direction, a direction is zero or of another dimension, or tags
+            belong to another mesh.
+        TypeError: If ``msh`` is not a mesh, or tags are of another type.
     """
     check(MESH, msh=msh)
     with checked(msh.comm) as same:
@@ -87,7 +88,7 @@ def _checked(
     vectors = check_array("directions", directions, (None, msh.geometry.dim))
     lengths = np.linalg.norm(vectors, axis=1)
     fits = len(vectors) > 0 and np.isfinite(lengths).all() and (lengths > 0).all()
-    require(fits, "directions: must be finite vectors other than zero, one at least")
+    require(fits, "directions: must be at least one finite vector, none of them zero")
     return np.asarray(vectors / lengths[:, None])
 
 

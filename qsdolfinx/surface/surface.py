@@ -1,4 +1,4 @@
-"""Contact surfaces: facets of one body's boundary with the unknowns of their vertices."""
+"""Contact surfaces: facets of a body's boundary, and the unknowns at their vertices."""
 
 from __future__ import annotations
 
@@ -57,38 +57,39 @@ PUBLIC = (
 
 
 class Surface:
-    """Part of a body's boundary that may touch another body.
+    """Contact surface: part of a body's boundary that may touch another body.
 
     Contact nodes are the vertices of the facets. Every facet belongs to the rank that owns its
-    cell, every node to the rank that owns its unknowns; a rank may own neither. On a mesh of degree
-    2 areas and normals at nodes are those of the flat facets through the vertices; contact knows
-    how far the curved ones are from them. Coordinates are read when the surface is made, and by
-    ``surface.update()`` and ``contact.update()`` if the mesh has moved since.
+    cell, every node to the rank that owns its unknowns; a rank may own no facets and no nodes. On a
+    mesh of degree 2, areas and normals at nodes are those of the flat facets through the vertices.
+    Contact corrects for the distance of the curved facets from the flat facets. Coordinates are
+    read when the surface is made. If the mesh has moved, ``surface.update()`` and
+    ``contact.update()`` read them again.
 
     Args:
         V: Blocked vector space of the body's displacement or velocity, one component per space
-            dimension, or scalar space, such as that of its temperature. Its trace on the facets is
-            continuous: Lagrange of degree 1 or 2, P1 with a cell bubble, or such a sub-space
+            dimension, or a scalar space, such as for its temperature. The trace on the facets must
+            be continuous: Lagrange of degree 1 or 2, P1 with a cell bubble, or such a sub-space
             ``W.sub(i)`` of a mixed space.
         facet_tags: Tags of the facets of ``V.mesh``.
         tag: The tag of the contact facets.
-        facets: Instead of ``facet_tags`` and ``tag``, the facets' local indices. Facets of ghost
-            cells may be given or not.
-        axisymmetric: Whether coordinates are (r, z), r ≥ 0: facets then stand for rings, areas are
-            2πr times lengths, and forces those on whole rings, as with
+        facets: Local indices of the facets, instead of ``facet_tags`` and ``tag``. Facets of ghost
+            cells are optional.
+        axisymmetric: Whether coordinates are (r, z), r ≥ 0. Facets are then rings, areas are 2πr
+            times lengths, and forces are those on whole rings, as with
             :func:`qsdolfinx.materials.axisymmetric_weight` in the bulk form.
 
     Raises:
-        ValueError: If the space is of another kind, of a degree above 2 or discontinuous, if the
-            surface is empty, not on the boundary, has coordinates that are not finite or facets
-            without area.
+        ValueError: If the space is of another kind, of a degree above 2 or discontinuous; if the
+            surface is empty or not on the boundary, or has coordinates that are not finite or
+            facets without area.
         TypeError: If both or none of ``facet_tags`` and ``facets`` are given, or PETSc is complex.
 
     Attributes:
         mesh: The mesh of V.
-        largest_height: Largest distance of curved facets from the flat ones through their vertices,
-            of all ranks (length); 0 of straight facets.
-        cpp_object: The extension's surface.
+        largest_height: Largest distance of curved facets from the flat facets through their
+            vertices, over all ranks (length); 0 for straight facets.
+        cpp_object: Surface object of the C++ extension.
     """
 
     def __init__(
@@ -129,7 +130,7 @@ class Surface:
     def coordinates(self) -> Coordinates:
         """Coordinates of the facets, of points inside their cells, and of curved facets' nodes.
 
-        As they were read last.
+        They are those of the last time that the mesh was read.
         """
         return self._coordinates
 
@@ -142,20 +143,20 @@ class Surface:
 
     @property
     def present_vertices(self) -> npt.NDArray[np.float64]:
-        """Where the mesh has the facets' vertices now, whatever was read, (facets, vertices, 3)."""
+        """Vertices of the facets in the mesh now, not as read last, shape (facets, vertices, 3)."""
         return np.take(self.mesh.geometry.x, self._layout.points, axis=0)
 
     @property
     def facet_numbers(self) -> npt.NDArray[np.float64]:
-        """A number of each facet between ½ and 2½, wherever it is and on any partition.
+        """A number for each facet between ½ and 2½, the same at any position and on any partition.
 
-        From those that the mesh's vertices were made with; shape (facets,).
+        It is computed from the input indices of the mesh's vertices; shape (facets,).
         """
         numbers = np.asarray(self.mesh.geometry.input_global_indices)[self._layout.points]
         return np.asarray(1.5 + np.sin(2.4 * numbers.sum(axis=1)))
 
     def twin(self, axisymmetric: bool | None = None) -> _cpp.Surface:
-        """New object of the extension with the same facets, to be moved by itself. Collective.
+        """New independent object of the C++ extension with the same facets. Collective.
 
         Args:
             axisymmetric: Not used: see ``RigidSurface.twin``.
@@ -178,21 +179,21 @@ class Surface:
         )
 
     def touch_itself(self, key: npt.NDArray[np.float64]) -> None:
-        """Let it, all of a body's boundary, be in contact with itself. Collective.
+        """Prepare the surface, the whole boundary of a body, for self-contact. Collective.
 
-        Its nodes are those of the facets that may touch anything then.
+        Its nodes are then those of the facets that may be in contact.
 
         Args:
-            key: Of each facet of this rank, shape (facets, 7): its normal, its middle, and whether
-                it looked at what was free (1) or was within the body (0); see key_size in
-                cpp/surface/surface.h. NaN if it is not to touch anything.
+            key: Data of each facet of this rank, shape (facets, 7): its normal, its midpoint, and
+                whether the space in front of it was free (1) or within the body (0); see key_size
+                in cpp/surface/surface.h. NaN for facets that are not in contact.
         """
         self._key = np.ascontiguousarray(key)
         self.cpp_object = self.twin()
 
     @property
     def key(self) -> npt.NDArray[np.float64] | None:
-        """What :meth:`touch_itself` was given; None if it does not touch itself."""
+        """Argument of :meth:`touch_itself`; None without self-contact."""
         return self._key
 
     def _read_heights(self) -> None:
@@ -210,14 +211,14 @@ class Surface:
 
     @property
     def heights(self) -> npt.NDArray[np.float64] | None:
-        """How far curved facets are out of the flat ones, along outward normals (length).
+        """Distance of curved facets from the flat facets, along outward normals (length).
 
         Shape (facets, nodes of degree 2); None on all ranks if all facets are straight.
         """
         return self._heights
 
     def __dir__(self) -> list[str]:
-        """What users need; the rest is for the library: docs/api/extending.md."""
+        """Attributes for users; the others are for the library: docs/api/extending.md."""
         return list(PUBLIC)
 
     @property
@@ -237,7 +238,7 @@ class Surface:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether it carries a scalar field, such as a temperature."""
+        """Whether the surface carries a scalar field, such as a temperature."""
         return self.block == 1
 
     @property
@@ -287,8 +288,9 @@ class Surface:
     def node_area(self) -> npt.NDArray[np.float64]:
         """Nodal areas S_k = ∫ N_k ds of the owned nodes, shape (nodes,).
 
-        Of the mesh where it was when coordinates were read last, by contact as it paired: in time
-        steps where a body was expected at the end of the step. Axisymmetric: ∫ N_k 2πr ds.
+        They are those of the mesh coordinates read last. Contact detection reads them at its
+        positions: in time steps these are the predicted positions at the end of the step.
+        Axisymmetric: ∫ N_k 2πr ds.
         """
         return np.asarray(self.cpp_object.node_area)
 
@@ -306,7 +308,7 @@ class Surface:
 
     @property
     def center(self) -> npt.NDArray[np.float64]:
-        """What moments are about by default: the origin, shape (gdim,)."""
+        """Default reference point of moments: the origin, shape (gdim,)."""
         return np.zeros(self.gdim)
 
     def shape_degree(self, order: int) -> int:
@@ -315,32 +317,32 @@ class Surface:
 
     @property
     def area_degree(self) -> int:
-        """Degree of what areas are multiplied by: 1 of rings, 2πr, else 0."""
+        """Polynomial degree of the weight of areas: 1 for rings (2πr), otherwise 0."""
         return int(self.axisymmetric)
 
     @property
     def is_analytic(self) -> bool:
-        """False: it is made of facets, see :class:`qs.RigidSurface`."""
+        """False: the surface consists of facets, see :class:`qs.RigidSurface`."""
         return False
 
     @property
     def motion(self) -> None:
-        """It moves by the unknowns of its body alone, see :class:`qs.RigidSurface`."""
+        """None: only the unknowns of the body move the surface, see :class:`qs.RigidSurface`."""
         return None
 
     @property
     def version(self) -> int:
-        """Counts prescribed positions; there are none, see :class:`qs.RigidSurface`."""
+        """Always 0: there are no prescribed positions, see :class:`qs.RigidSurface`."""
         return 0
 
     def check_state(self) -> None:
-        """Nothing prescribed can be wrong, see :class:`qs.RigidSurface`."""
+        """Do nothing: there is no prescribed motion, see :class:`qs.RigidSurface`."""
 
     def check_partner(self, master: Surface) -> None:
-        """Refuse a deformable master that this slave cannot be in contact with.
+        """Check that a deformable master can be in contact with this slave.
 
         Raises:
-            ValueError: If one of the two alone is axisymmetric, or they share facets.
+            ValueError: If only one of the two is axisymmetric, or if they share facets.
         """
         fields = self.is_scalar == master.is_scalar
         require(fields, "slave and master: both or none must be on scalar spaces")
@@ -356,12 +358,12 @@ class Surface:
         require(not share, text)
 
     def search_object(self, slave: Surface) -> _cpp.Surface:
-        """The extension's surface as pairing from a slave sees it."""
+        """Object of the C++ extension for contact detection from a slave."""
         return self.cpp_object
 
     @property
     def geometry(self) -> Cartesian:
-        """What coordinates mean."""
+        """Kind of coordinates, Cartesian or axisymmetric."""
         return Axisymmetric() if self.axisymmetric else Cartesian()
 
     @property
@@ -387,7 +389,7 @@ class Surface:
             values: Values at the owned nodes, shape (nodes, block).
 
         Raises:
-            ValueError: If they are no numbers, or of another shape.
+            ValueError: If ``values`` are not numbers, or of another shape.
 
         Returns:
             Function in V, collapsed if V is a sub-space.
@@ -412,15 +414,15 @@ class Surface:
         """Function of degree 1 with given values at the contact nodes, zero at others. Collective.
 
         Args:
-            values: Values at the owned nodes, shape (nodes,) of a scalar function, (nodes, gdim) of
-                a vector.
+            values: Values at the owned nodes, shape (nodes,) for a scalar function, (nodes, gdim)
+                for a vector function.
 
         Raises:
-            ValueError: If they are no numbers, or of another shape.
+            ValueError: If ``values`` are not numbers, or of another shape.
 
         Returns:
-            Lagrange function: in V, collapsed if V is a sub-space, where that is such a space of
-            degree 1.
+            Lagrange function of degree 1; in V (collapsed if V is a sub-space) if V is a suitable
+            space of degree 1, otherwise in a new space.
         """
         nodes = len(self.node_area)
         with checked(self.comm):
@@ -461,11 +463,11 @@ class Surface:
                 ``Contact.pressure``.
 
         Returns:
-            Shape (nodes, block); of a scalar function on a surface with a space of vectors
-            (nodes,).
+            Values of shape (nodes, block); shape (nodes,) for a scalar function on a surface with
+            a vector space.
 
         Raises:
-            TypeError: If it is no Function.
+            TypeError: If ``function`` is not a Function.
             ValueError: If it is in another space.
         """
         check(FUNCTION, function=function)
@@ -503,7 +505,7 @@ class Surface:
 
     @property
     def collapsed_space(self) -> fem.FunctionSpace:
-        """V, or the space of its own that a sub-space collapses to. Collective."""
+        """V, or the collapsed space if V is a sub-space. Collective."""
         return self.V if self._collapsed is None else self._collapsed[0]
 
     def collapsed_vec(self, vec: PETSc.Vec) -> PETSc.Vec:
@@ -521,7 +523,8 @@ class Surface:
         """New vector of the body with given values at the contact nodes. Collective.
 
         Args:
-            values: Shape (nodes, block); linear in between, if the trace has degree 2.
+            values: Nodal values, shape (nodes, block); interpolated linearly between nodes if the
+                trace has degree 2.
         """
         out = self.create_vec()
         if self.degree == 1:
@@ -537,7 +540,7 @@ class Surface:
 
     @property
     def linear(self) -> Surface:
-        """The same facets with a space of degree 1; this surface if it has one. Collective."""
+        """Surface of the same facets with a space of degree 1, perhaps this one. Collective."""
         if self.degree == 1:
             return self
         if self._linear is None:
@@ -558,7 +561,7 @@ class Surface:
 
 
 def update_surfaces(*surfaces: Surface) -> None:
-    """Read the mesh coordinates of several surfaces again: of all of them, or of none. Collective.
+    """Read the mesh coordinates of several surfaces again; on an error, of none. Collective.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.

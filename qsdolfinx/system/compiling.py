@@ -39,4 +39,4 @@ class Compiling:
             # On several ranks DOLFINx makes a RuntimeError of whatever the first one raises.
             kind = RuntimeError if isinstance(error, RuntimeError) else TypeError
             names = "form_compiler_options, jit_options, entity_maps"
-            raise kind(f"{names}: one of them does not suit DOLFINx: {error}") from error
+            raise kind(f"{names}: DOLFINx does not accept one of these: {error}") from error

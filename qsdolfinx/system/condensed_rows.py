@@ -168,8 +168,8 @@ def _check_slope(slope: Array, pressure: Array) -> None:
         ValueError: If there are any.
     """
     lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
-    text = "law: slope must be positive where the multiplier is not 0; where that falls as the gap "
-    require(not (lost.any() or np.any(slope < 0)), text + "grows give the secant, multiplier / gap")
+    text = "law: slope must be positive where the multiplier is not 0; if that falls as the gap "
+    require(not (lost.any() or np.any(slope < 0)), text + "grows, return the secant multiplier/gap")
 
 
 class PointConstraints(CondensedRows):

@@ -1,4 +1,4 @@
-"""Bodies, multipliers and driven tools as one system of equations, R(z) = 0."""
+"""System of equations R(z) = 0 for bodies, multipliers and force-controlled tools."""
 
 from __future__ import annotations
 
@@ -33,38 +33,40 @@ UNBALANCED = 1e-3
 
 
 class Equations:
-    """R(z) = 0 for z = (u_i, λ, τ, s), and its derivative.
+    """System of equations R(z) = 0 for z = (u_i, λ, τ, s), and its derivative.
 
         R_u = F(u) + Gᵀ W λ + Lᵀ W τ,   R_λ, R_τ: see ``ConstraintRows``,
         R_s = Σ W λ ∂ḡ/∂s + Σ W τ ∂g/∂s − force
 
-    u_i are the bodies' unknowns, λ and τ the multipliers of all passes, and s the displacements of
-    rigid tools that forces drive. W λ are forces at nodes, G and J the derivatives of gaps and
-    slips; L is what τ works on, J but in finite sliding. R depends on z and on the state at the
-    start of the step alone. A rank has the rows of its owned unknowns, then those of its
-    multipliers, then, the first one, those of tools.
+    u_i are the unknowns of the bodies, λ and τ the multipliers of all integration sides, and s the
+    displacements of force-controlled rigid tools. W λ are forces at nodes; G and J are the
+    derivatives of gaps and slips. L is the conjugate of τ in the virtual work: L = J, except with
+    finite sliding. R depends only on z and on the state at the start of the step. Each rank has the
+    equations of its owned unknowns, then those of its multipliers; the first rank also has those of
+    the tools.
 
-    While u misses values of conditions, R_u of a body whose form is not linear also has
-    K(u) (g − u), g being these values; the derivative takes K there as given. It is exact where
-    conditions are met, as they are after one full step. R counts slip from the start of the step;
-    ``problem.solve()`` counts that of rows that close in the step from where they do, see
-    ``solve/onset.py``.
+    Where u does not yet have its Dirichlet values g, R_u of a body with a nonlinear form contains
+    the additional term K(u) (g − u). The derivative treats K in this term as constant, so that it
+    is exact when the Dirichlet conditions are met, as after one full step. R counts slip from the
+    start of the step. ``problem.solve()`` counts the slip of constraints that become active in the
+    step from their contact onset, see ``solve/onset.py``.
 
-    The system must have been set up: penalties are known, and tools where they start.
+    The system must have been set up: penalties are known, and tools are at the start of the step.
 
     Args:
-        system: The bodies and contacts; no scalar fields, rows of contact at nodes.
+        system: The bodies and contacts; without scalar fields, with constraints at nodes.
 
     Attributes:
-        system: As given.
-        tools: Rigid tools that forces drive, in the order of s.
-        passes: Passes of the contacts, in the order of their multipliers.
-        num_local: Unknowns of this rank.
-        start: Number of the first of them.
-        size: Unknowns of all ranks.
-        one_step: Within which :meth:`accept` ends a step of friction's history: the problem's.
-        layout: Where all unknowns are in z.
-        driven: What drives these tools.
+        system: The bodies and contacts.
+        tools: Force-controlled rigid tools, in the order of s.
+        passes: Integration sides of the contacts, in the order of their multipliers.
+        num_local: Number of unknowns of this rank.
+        start: Global number of the first unknown of this rank.
+        size: Number of unknowns of all ranks.
+        one_step: Context manager in which :meth:`accept` ends a step of the history of friction;
+            ``one_step`` of the problem.
+        layout: Positions of all unknowns in z.
+        driven: Forces and equations of the tools.
         derivative: The derivative at the last evaluation.
     """
 
@@ -97,11 +99,11 @@ class Equations:
         if tool is None or tool.driven is None:
             return None
         if tool.driven.turns and contact.slave.axisymmetric:
-            raise ValueError("drive_moment: a tool of an axisymmetric scene stands for a ring")
+            raise ValueError("drive_moment: a tool of an axisymmetric problem cannot be rotated")
         if tool.driven.turns and contact.follows:
             raise ValueError(
-                'drive_moment: sliding="finite" knows forces on tools alone; use sliding="small" '
-                "with time steps, or prescribe the rotation"
+                'drive_moment: sliding="finite" supports tools with forces, not with moments; use '
+                'sliding="small" with time steps, or prescribe the rotation'
             )
         for i, known in enumerate(self.tools):
             if known is tool:
@@ -111,7 +113,7 @@ class Equations:
 
     @property
     def is_current(self) -> bool:
-        """Whether contacts have not paired since."""
+        """Whether there was no contact detection since the equations were made."""
         gaps = self.system.gaps
         return len(gaps) == len(self.passes) and all(
             p.gap is gap for p, gap in zip(self.passes, gaps, strict=True)
@@ -120,15 +122,15 @@ class Equations:
     # --- Unknowns
 
     def part(self, z: Array, i: int) -> Array:
-        """Body i's part of this rank's unknowns."""
+        """Part of this rank's unknowns that belongs to body i."""
         return self.layout.part(z, i)
 
     def bodies_of(self, z: Array) -> Array:
-        """That of all bodies."""
+        """Part of this rank's unknowns that belongs to all bodies."""
         return z[: self.layout.ends[len(self.system.bodies)]]
 
     def multipliers(self, z: Array) -> list[Multipliers]:
-        """λ and τ of each pass."""
+        """Multipliers λ and τ of each integration side."""
         first = len(self.system.bodies)
         return [p.rows.split(self.layout.part(z, first + i)) for i, p in enumerate(self.passes)]
 
@@ -144,7 +146,7 @@ class Equations:
     def join(
         self, x: Array, multipliers: typing.Sequence[Multipliers], displacements: Array
     ) -> Array:
-        """This rank's unknowns z."""
+        """Join the parts to this rank's unknowns z."""
         parts = [x]
         for values in multipliers:
             parts.append(values.normal.ravel())
@@ -155,9 +157,9 @@ class Equations:
         return np.concatenate(parts)
 
     def first(self) -> Array:
-        """Unknowns where bodies and tools are, with what is known of multipliers. Collective.
+        """Initial guess z: present bodies and tools, and known multipliers. Collective.
 
-        λ of an augmented Lagrangian's last solve, and ε [ḡ]₊ of nodes that had none.
+        λ is that of the last solve with an augmented Lagrangian, and ε [ḡ]₊ at nodes without one.
         """
         x = self.unknowns_of([body.u.x.array for body in self.system.bodies])
         self.system.residual(x)
@@ -176,9 +178,9 @@ class Equations:
         return np.concatenate(parts)
 
     def accept(self, z: Array) -> None:
-        """Let bodies, contacts and tools be at a solution: a step's end, see ``one_step``.
+        """Accept a solution z for bodies, contacts and tools, as the end of a step. Collective.
 
-        Collective.
+        See also ``one_step``.
 
         Args:
             z: Unknowns of this rank, R(z) = 0.
@@ -197,15 +199,15 @@ class Equations:
         residual, forces = np.sqrt(sums)
         if residual > UNBALANCED * forces > 0:
             warn(
-                f"z: no solution: |R_u| is {residual / forces:.2g} of the contact forces; iterate "
-                "further before equations.accept(z)",
+                f"z: no solution: |R_u| is {residual / forces:.2g} of the contact forces; continue "
+                "the iteration before equations.accept(z)",
                 ContactWarning,
             )
         with self.one_step():
             self.end_at(z)
 
     def end_at(self, z: Array) -> None:
-        """Let bodies, contacts and tools be at z, which is known to be a solution. Collective."""
+        """Set bodies, contacts and tools to a known solution z. Collective."""
         for p, e in zip(self.passes, self.evaluate(z).passes, strict=True):
             p.rows.keep(e)
         self.system.x.array[:] = self.bodies_of(z)
@@ -215,11 +217,12 @@ class Equations:
     # --- Residual
 
     def residual(self, z: Array) -> Array:
-        """R at this rank's unknowns z, with loads and conditions as they are now. Collective.
+        """Residual R(z) for this rank's unknowns z, with present loads and conditions. Collective.
 
         Raises:
-            ValueError: If z is not of this rank's unknowns, or not finite.
-            RuntimeError: If contact has paired since: ``problem.equations()`` gives new ones.
+            ValueError: If z is not of the shape of this rank's unknowns, or not finite.
+            RuntimeError: If there was contact detection since the equations were made: get new
+                equations from ``problem.equations()``.
         """
         z = self._checked(z)
         self._at = None
@@ -232,7 +235,7 @@ class Equations:
         with checked(self.system.comm):
             if not self.is_current:
                 raise RuntimeError(
-                    "contacts have paired since these equations were made: ask for new ones, by "
+                    "contacts have paired since these equations were made: get new equations from "
                     "problem.equations()"
                 )
             values = np.asarray(z)
@@ -250,13 +253,13 @@ class Equations:
         return np.concatenate(parts)
 
     def in_forces(self, residual: Array, back: bool = False) -> Array:
-        """R with the rows of λ and τ as forces, c R: continuous where sets change.
+        """Scale the equations of λ and τ in R to forces, c R: continuous at changes of active sets.
 
-        Its norm is what a line search should make fall.
+        A line search should reduce the norm of the scaled residual.
 
         Args:
-            residual: R, as :meth:`residual` returns it.
-            back: Whether R is wanted, from what this has made of it.
+            residual: R, as returned by :meth:`residual`.
+            back: Whether to invert the scaling.
         """
         out, first = residual.copy(), len(self.system.bodies)
         for i, p in enumerate(self.passes):
@@ -281,14 +284,15 @@ class Equations:
         again: bool = False,
         sticking: typing.Sequence[bool] | None = None,
     ) -> State:
-        """Everything that residual and tangent need at z. Collective.
+        """Evaluate all data for residual and tangent at z. Collective.
 
         Args:
             z: Unknowns of this rank.
             first: As for ``ConstraintRows.evaluate``.
-            opened: Rows of each pass that count as open; none by default.
+            opened: Constraints of each integration side that count as inactive; by default none.
             again: As for ``ConstraintRows.evaluate``.
-            sticking: Whether all that is closed of a pass sticks; of none by default.
+            sticking: For each integration side, whether all its active constraints stick; by
+                default for none.
         """
         first, usual = first or opened is not None, sticking is None
         sticks = [False] * len(self.passes) if sticking is None else sticking
@@ -354,7 +358,7 @@ class Equations:
     # --- Tangent
 
     def tangent(self, z: Array, exact: bool = True) -> PETSc.Mat:
-        """Derivative of the residual at z, an AIJ matrix that stays this object's. Collective.
+        """Derivative of the residual at z, an AIJ matrix that this object owns. Collective.
 
         Args:
             z: Unknowns of this rank.
@@ -368,18 +372,18 @@ class Equations:
     def tangent_of(
         self, at: State, exact: bool = True, shift: tuple[float, float] = (0.0, 0.0)
     ) -> PETSc.Mat:
-        """The same where the last evaluation was; see ``Derivative.of``. Collective."""
+        """Derivative at a given evaluation; see ``Derivative.of``. Collective."""
         return self.derivative.of(at, exact, shift)
 
     def restart(self) -> None:
-        """Count displacements of driven tools from where they are now."""
+        """Count displacements of force-controlled tools from their present positions."""
         self.driven.restart()
         self._at = None
 
     def has_other_multipliers(self) -> bool:
-        """Whether other nodes are covered at the last evaluation than where unknowns were found.
+        """Whether the nodes with multipliers differ at the last evaluation. Collective.
 
-        Collective.
+        Nodes have multipliers if the other surface covers their support.
         """
         points = [p.rows.condensed for p in self.passes]
         found = [rows.has_others() for rows in points if isinstance(rows, PointConstraints)]
@@ -392,7 +396,7 @@ class Equations:
 
     @property
     def knows_closed_points(self) -> bool:
-        """Whether it is known of points what has been closed before. Collective."""
+        """Whether the earlier active constraints at points are known. Collective."""
         known = any(
             isinstance(p.rows.condensed, PointConstraints)
             and p.gap.state.closed is not None
@@ -403,16 +407,16 @@ class Equations:
 
     @property
     def can_soften(self) -> bool:
-        """Whether there are multipliers of points, and none of friction."""
+        """Whether there are multipliers for constraints at points, and no friction."""
         rows = [p.rows.condensed for p in self.passes]
         found = any(isinstance(of, PointConstraints) and of.has_multipliers for of in rows)
         return found and all(p.slip is None for p in self.passes)
 
     def soften(self, part: float) -> None:
-        """Take a part of γ in constraints at points. Collective.
+        """Scale the penalty γ of constraints at points. Collective.
 
         Args:
-            part: Of the penalty; 1 is what R has otherwise.
+            part: Factor of the penalty; 1 gives the usual R.
         """
         for p in self.passes:
             if isinstance(p.rows.condensed, PointConstraints):
@@ -421,7 +425,7 @@ class Equations:
         self._at = None
 
     def set_proximal(self, part: float, far: bool = False) -> None:
-        """Take this part of the diagonal by which λ's inexact derivative is softer at points."""
+        """Set the factor of the diagonal term that regularises λ's inexact derivative at points."""
         for p in self.passes:
             if p.rows.condensed is not None:
                 p.rows.condensed.proximal = part

@@ -1,4 +1,4 @@
-"""Meshes of degree 2 whose boundary follows the curved surface that flat facets stand for."""
+"""Meshes of degree 2 with boundaries on the curved surface that flat facets approximate."""
 
 from __future__ import annotations
 
@@ -41,34 +41,36 @@ def elevate(
     facets: npt.ArrayLike | None = None,
     shape: Smooth | None = None,
 ) -> mesh.Mesh:
-    """A mesh of degree 2 with the same cells, bent to the surface that some facets approximate.
+    """Make a mesh of degree 2 with the same cells, and with some facets on a curved surface.
 
-    The flat facets of a circle are chords, h²/8R off it; where two surfaces are curved alike and
-    their meshes do not match, that becomes gaps and overlaps, and pressures of facets. Here the
-    nodes in the middle of these facets and of their edges are put on the curved surface, and with
-    them the middles of cells; vertices stay. With displacements of degree 2, contact is then
-    between curved facets, with ``sliding="finite"``, too.
+    The flat facets of a circle are chords, off the circle by h²/8R. Where two surfaces are curved
+    the same way and their meshes do not match, these chord errors cause gaps, overlaps and wrong
+    pressures. Here the nodes in the middle of the facets and of their edges are moved to the curved
+    surface, and nodes in the middle of cells with them. Vertices do not move. With displacements of
+    degree 2, contact is then between curved facets, also with ``sliding="finite"``.
 
-    The mesh has the topology of the one given: cells, facets and vertices keep their numbers, and
-    tags of the one are tags of the other. A mesh of degree 2 may be given; its other nodes stay, so
-    that surfaces of several shapes are named one after the other. Collective.
+    The new mesh has the topology of the given mesh: cells, facets and vertices keep their numbers,
+    and tags of one mesh are valid for the other. The given mesh may be of degree 2; its other nodes
+    do not move, so that several surfaces of different shapes can be curved one after the other.
+    Collective.
 
     Args:
         msh: A mesh of degree 1 or 2 of triangles, quadrilaterals, tetrahedra or hexahedra.
         facet_tags: Tags of its facets.
-        tag: The tag of those that are curved.
-        facets: Instead of ``facet_tags`` and ``tag``, their local indices.
-        shape: The surface that their vertices are on, from ``qs.smooth``. By default it is found
-            from how neighbours turn, exact on circles: facets that turn by more than 30° meet in a
-            crease, and flat ones beside a fillet stay flat, as others on the boundary do.
+        tag: The tag of the facets to be curved.
+        facets: Instead of ``facet_tags`` and ``tag``, the local indices of these facets.
+        shape: Surface from ``qs.smooth`` on which the vertices are. By default it is found from the
+            angles between neighbouring facets, exactly on circles. Edges with an angle of more than
+            30° stay sharp edges. Flat facets beside a fillet stay flat, and so do the other facets
+            of the boundary.
 
     Returns:
         The new mesh.
 
     Raises:
-        ValueError: If the mesh is of another kind, no facet is named, one is not on the boundary,
-            vertices are not on the shape, or cells would fold, as where they are thinner than the
-            facets bulge.
+        ValueError: If the mesh is of another kind, no facet is named, a facet is not on the
+            boundary, vertices are not on the shape, or cells would fold. Cells fold where they are
+            thinner than the distance by which their facets are moved.
         TypeError: If an argument is of another type.
 
     Example:

@@ -65,22 +65,23 @@ class ToolState(typing.NamedTuple):
 class RigidSurface:
     """Surface of a rigid tool, the master of a contact.
 
-    A tool has no unknowns and adds none to the matrix. Make one with :meth:`plane`,
+    A tool has no unknowns and adds none to the matrix. Make a tool with :meth:`plane`,
     :meth:`cylinder`, :meth:`sphere`, :meth:`triangulated`, :meth:`from_stl` or :meth:`from_mesh`.
 
-    What it does in the next solve is set by :attr:`displacement` and :attr:`rotation`: contact
-    sees the tool displaced by x ↦ displacement + (R − 1)(x − center), R being the finite rotation,
-    while points and normals stay as they were paired (small sliding). :meth:`advance` makes the
-    motion permanent; ``contact.update()`` has to follow.
+    :attr:`displacement` and :attr:`rotation` prescribe the motion of the tool in the next solve:
+    contact is evaluated with the tool displaced by x ↦ displacement + (R − 1)(x − center), where R
+    is the finite rotation. With small sliding, contact quadrature points and normals stay those of
+    the last contact detection. :meth:`advance` makes the motion permanent; ``contact.update()`` has
+    to follow.
 
-    With :meth:`drive`, a force takes the place of the displacement in one direction.
+    With :meth:`drive`, the tool is force-controlled in one direction: a force is prescribed instead
+    of the displacement.
 
-    A tool may be part of several contacts. Its motion, position and force are set on all ranks, to
-    the same values; what any rank finds wrong is raised on all of them.
+    A tool may be part of several contacts. Set its motion, position and force on all ranks, to the
+    same values; an error on any rank is raised on all ranks.
 
     Attributes:
-        version: Number of the position that the tool is at; a new one has a number that none has
-            had.
+        version: Number of the present position of the tool; every new position has a new number.
     """
 
     def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
@@ -102,12 +103,12 @@ class RigidSurface:
     def plane(
         cls, comm: MPI.Intracomm, point: npt.ArrayLike, normal: npt.ArrayLike
     ) -> RigidSurface:
-        """A tool that ends in a plane (2D: a line). Collective.
+        """Make a tool that is bounded by a plane (2D: a line). Collective.
 
         Args:
             comm: Communicator of the bodies' meshes.
             point: A point of the plane, shape (gdim,), gdim 2 or 3.
-            normal: From the tool to the workpiece, shape (gdim,), of any length.
+            normal: Normal that points from the tool to the workpiece, shape (gdim,), of any length.
 
         Raises:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
@@ -129,14 +130,15 @@ class RigidSurface:
         radius: float,
         inside: bool = False,
     ) -> RigidSurface:
-        """A circular cylinder of any length; in 2D a circle. Collective.
+        """Make an infinitely long circular cylinder; in 2D a circle. Collective.
 
         Args:
             comm: Communicator of the bodies' meshes.
             point: A point of the axis, shape (gdim,), gdim 2 or 3.
             axis: Direction of the axis, shape (3,), of any length; ignored in 2D.
             radius: Radius (length).
-            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+            inside: Whether the workpiece is inside the cylinder; the tool is then everything
+                outside of it.
 
         Raises:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
@@ -155,13 +157,14 @@ class RigidSurface:
     def sphere(
         cls, comm: MPI.Intracomm, center: npt.ArrayLike, radius: float, inside: bool = False
     ) -> RigidSurface:
-        """A ball; in 2D a circle. Collective.
+        """Make a sphere; in 2D a circle. Collective.
 
         Args:
             comm: Communicator of the bodies' meshes.
             center: Centre, shape (gdim,), gdim 2 or 3.
             radius: Radius (length).
-            inside: Whether the workpiece is inside of it; the tool is then all that is outside.
+            inside: Whether the workpiece is inside the sphere; the tool is then everything outside
+                of it.
 
         Raises:
             ValueError: If an argument has another shape, is not finite or differs between ranks, or
@@ -183,21 +186,23 @@ class RigidSurface:
         triangles: npt.ArrayLike | None,
         center: npt.ArrayLike | None = None,
     ) -> RigidSurface:
-        """A tool with a surface of triangles (2D: line segments). Collective.
+        """Make a tool with a surface of triangles (2D: line segments). Collective.
 
-        Rank 0's arrays count: others pass the same, or None. Facets are spread over the ranks.
+        The arrays of rank 0 are used: other ranks pass the same arrays, or None. Facets are
+        distributed over the ranks.
 
         Args:
             comm: Communicator of the bodies' meshes.
             x: Vertices, shape (vertices, gdim), gdim 2 or 3 (length).
-            triangles: Indices of the vertices of each facet, shape (facets, gdim). Seen from the
-                workpiece they run counter-clockwise; in 2D, the tool is to the left of a segment.
-            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+            triangles: Indices of the vertices of each facet, shape (facets, gdim),
+                counter-clockwise as seen from the workpiece; in 2D, the tool is to the left of a
+                segment.
+            center: Centre of rotation of the tool, shape (gdim,); by default the mean vertex.
 
         Raises:
             ValueError: If an array has another shape, is not finite, differs between ranks, or an
-                index is out of range, or a facet has no area, or neighbours are oriented in
-                opposite ways.
+                index is out of range, or a facet has no area, or neighbouring facets have opposite
+                orientations.
         """
         check(COMMUNICATOR, comm=comm)
         facets, middle = triangulation.scatter(comm, x, triangles, center)
@@ -210,20 +215,20 @@ class RigidSurface:
         filename: str | os.PathLike[str],
         center: npt.ArrayLike | None = None,
     ) -> RigidSurface:
-        """A tool from an STL file, ASCII or binary, read by rank 0. Collective.
+        """Make a tool from an STL file, ASCII or binary, read by rank 0. Collective.
 
-        Vertices with equal coordinates are one. Orientation is that of the vertices; normals in the
-        file are ignored. All solids of a file are one tool; they may share edges and walls.
-        Triangles without area are left out.
+        Vertices with equal coordinates are merged. The order of the vertices gives the orientation;
+        normals in the file are ignored. All solids of a file form one tool; they may share edges
+        and walls. Triangles without area are left out.
 
         Args:
             comm: Communicator of the bodies' meshes.
             filename: The file.
-            center: What the tool is rotated about, shape (3,); by default the mean vertex.
+            center: Centre of rotation of the tool, shape (3,); by default the mean vertex.
 
         Raises:
-            TypeError: If it is no path.
-            ValueError: If the file cannot be read, is no STL file or truncated, or as
+            TypeError: If ``filename`` is not a path.
+            ValueError: If the file cannot be read, is not an STL file or is truncated; or as
                 :meth:`triangulated`.
 
         Warns:
@@ -250,20 +255,20 @@ class RigidSurface:
         inside: npt.ArrayLike | None = None,
         center: npt.ArrayLike | None = None,
     ) -> RigidSurface:
-        """A tool from a surface mesh, whose cells stay on the ranks that own them. Collective.
+        """Make a tool from a surface mesh; its cells stay on the ranks that own them. Collective.
 
         Args:
             msh: Mesh of first order and of topological dimension gdim − 1. Its communicator is that
                 of the bodies' meshes.
-            inside: A point of the tool, shape (gdim,), that all cells are turned away from; it must
-                see all of them from behind. By default the cells are oriented as in
-                :meth:`triangulated`, which those of a sub-mesh of facets are not.
-            center: What the tool is rotated about, shape (gdim,); by default the mean vertex.
+            inside: A point inside the tool, shape (gdim,): all cells are oriented away from it, so
+                all cells must show their back to this point. By default cells must be oriented as
+                in :meth:`triangulated`. This is not the case for a sub-mesh of facets.
+            center: Centre of rotation of the tool, shape (gdim,); by default the mean vertex.
 
         Raises:
-            TypeError: If it is no mesh.
+            TypeError: If ``msh`` is not a mesh.
             ValueError: If the mesh has another dimension or order, is not finite, a cell has no
-                area, or neighbours are oriented in opposite ways.
+                area, or neighbouring cells have opposite orientations.
         """
         check(MESH, msh=msh)
         facets, middle = triangulation.of_mesh(msh, inside, center)
@@ -271,22 +276,22 @@ class RigidSurface:
 
     @property
     def V(self) -> None:
-        """There is no space of unknowns."""
+        """None: a rigid tool has no function space."""
         return None
 
     @property
     def cpp_object(self) -> None:
-        """The extension has no surface with unknowns for it."""
+        """None: the C++ extension has no surface with unknowns for a rigid tool."""
         return None
 
     @property
     def degree(self) -> int:
-        """Degree of the trace of its displacement: 0, as there is none."""
+        """Degree of the trace of the displacement: 0, since a tool has no unknowns."""
         return 0
 
     @property
     def is_analytic(self) -> bool:
-        """Whether the shape is known in closed form; else it is made of facets."""
+        """Whether the shape is known in closed form; otherwise the tool consists of facets."""
         return isinstance(self._shape, Shape)
 
     @property
@@ -316,11 +321,12 @@ class RigidSurface:
     def distance(
         self, x: npt.ArrayLike, position: npt.ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Signed distances from the tool, and its outward normals there.
+        """Signed distances of points from the tool, and the outward normals of the tool there.
 
         Args:
             x: Points, shape (n, 3).
-            position: Where the tool is, as :attr:`position`, which is the default.
+            position: Position of the tool, in the form of :attr:`position`; by default the present
+                position.
 
         Returns:
             Distances, positive outside of the tool, shape (n,), and unit normals, shape (n, 3).
@@ -336,7 +342,7 @@ class RigidSurface:
         return distance, normal @ R.T
 
     def curvature(self, x: npt.ArrayLike, position: npt.ArrayLike | None = None) -> Array:
-        """Derivatives of its normals by the points, shape (n, 3, 3), as :meth:`distance`."""
+        """Derivatives of the normals of :meth:`distance` by the points, shape (n, 3, 3)."""
         if not isinstance(self._shape, Shape):
             raise ValueError("curvature: is known in closed form for analytic shapes only")
         R, t = self._pose_of(position).embedded
@@ -344,7 +350,7 @@ class RigidSurface:
         return np.asarray(R @ self._shape.curvature((points - t) @ R) @ R.T)
 
     def facets(self, axisymmetric: bool = False) -> _cpp.Surface:
-        """The extension's surface where it is now. Collective after a change of position.
+        """Surface of the C++ extension at the present position. Collective after a position change.
 
         Args:
             axisymmetric: Whether facets stand for rings.
@@ -360,7 +366,7 @@ class RigidSurface:
         return self._surface[1]
 
     def as_facets(self, axisymmetric: bool = False) -> FacetSurface:
-        """Its facets where it is now, read as those of a body. Collective if its position changed.
+        """Facets at the present position, in the form of a body's. Collective after a motion.
 
         Args:
             axisymmetric: Whether facets stand for rings.
@@ -380,7 +386,7 @@ class RigidSurface:
         )
 
     def twin(self, axisymmetric: bool) -> _cpp.Surface:
-        """New object of the extension with the tool's facets, to be moved by itself. Collective.
+        """New independent object of the C++ extension with the tool's facets. Collective.
 
         Args:
             axisymmetric: Whether facets stand for rings.
@@ -392,16 +398,16 @@ class RigidSurface:
         return self._facets.surface(self.comm, self.gdim, R, t, axisymmetric)
 
     def facet_positions(self, position: npt.ArrayLike) -> Array:
-        """Vertices of this rank's facets with the tool elsewhere, shape (facets, vertices, 3).
+        """Vertices of this rank's facets at another position, shape (facets, vertices, 3).
 
         Args:
-            position: As :attr:`position`.
+            position: Position of the tool, in the form of :attr:`position`.
         """
         R, t = self._pose_of(position).embedded
         return np.asarray(self._facets.x @ R.T + t)
 
     def facets_at(self, position: npt.ArrayLike) -> _cpp.Surface:
-        """The extension's surface with the tool elsewhere, as :attr:`position`. Collective.
+        """Surface of the C++ extension at another position, see :attr:`position`. Collective.
 
         Raises:
             ValueError: If the shape is analytic.
@@ -455,11 +461,11 @@ class RigidSurface:
 
     @property
     def center(self) -> Array:
-        """The point of the tool that it is rotated about, where it is now, shape (gdim,)."""
+        """Centre of rotation of the tool at its present position, shape (gdim,)."""
         return self._pose(self._center)
 
     def center_at(self, position: npt.ArrayLike) -> Array:
-        """The same where the tool is at this :attr:`position`."""
+        """Centre of rotation with the tool at a given :attr:`position`."""
         return self._pose_of(position)(self._center)
 
     @property
@@ -469,16 +475,16 @@ class RigidSurface:
         return rotation_about(R, self.center, self._displacement)
 
     def advance(self) -> None:
-        """Make displacement and rotation permanent: move the tool, and set them to zero.
+        """Make the motion permanent: move the tool, set displacement and rotation to zero.
 
-        Call ``contact.update()`` next: it pairs with the new position. A tie needs no update.
+        Call ``contact.update()`` next to update the contact pairs. A tie needs no update.
         """
         self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = np.zeros_like(self._displacement)
         self._rotation = np.zeros_like(self._rotation)
 
     def go_ahead(self, displacement: Array, rotation: Array) -> None:
-        """Make a motion permanent; :attr:`displacement` and :attr:`rotation` are what is left.
+        """Make a part of the motion permanent; :attr:`displacement`, :attr:`rotation` are the rest.
 
         Args:
             displacement: Translation (length), shape (gdim,).
@@ -492,9 +498,10 @@ class RigidSurface:
 
     @property
     def position(self) -> Array:
-        """Where the tool is: [R | t], shape (gdim, gdim + 1); x₀ has gone to R x₀ + t.
+        """Position of the tool: [R | t], shape (gdim, gdim + 1); x₀ has moved to R x₀ + t.
 
-        It can be set, to continue from a checkpoint; ``contact.update()`` has to follow.
+        It can be set, for example to continue from a checkpoint; ``contact.update()`` has to
+        follow.
         """
         return self._pose.matrix
 
@@ -512,12 +519,12 @@ class RigidSurface:
 
     @property
     def state(self) -> ToolState:
-        """All that changes, to be put back by :meth:`restore`."""
+        """Variable state of the tool, for :meth:`restore`."""
         motion = self._displacement.copy(), self._rotation.copy()
         return ToolState(self._pose, self.version, *motion, self._driven)
 
     def restore(self, state: ToolState) -> None:
-        """Put back what :attr:`state` gave: contacts that were paired there still are."""
+        """Restore a :attr:`state`; contacts that were paired in this state need no update."""
         self._pose, self.version = state.pose, state.version
         self._displacement, self._rotation = state.displacement.copy(), state.rotation.copy()
         self._driven = state.driven
@@ -525,14 +532,15 @@ class RigidSurface:
     # --- Force
 
     def drive(self, force: float, direction: npt.ArrayLike) -> None:
-        """Push the tool with a force, instead of a prescribed displacement, in the next solves.
+        """Drive the tool by a force, instead of a prescribed displacement, in the next solves.
 
-        A solve finds the displacement along the direction for which the contact forces balance
-        this one: ``contact.force("master") @ direction == -force``, to 1e-8 of the force.
-        :attr:`displacement` holds it afterwards; the other components stay prescribed.
+        A solve finds the displacement along the direction for which the contact forces balance the
+        given force: ``contact.force("master") @ direction == -force``, to 1e-8 of the force.
+        :attr:`displacement` contains it afterwards; the other components stay prescribed.
 
         Args:
-            force: Force, in 2D per length; negative values pull, which only tied contact can hold.
+            force: Force, in 2D per length; a negative force pulls the tool, which only tied contact
+                can balance.
             direction: Vector of any length, shape (gdim,).
 
         Raises:
@@ -547,13 +555,14 @@ class RigidSurface:
         self._driven = driven
 
     def drive_moment(self, moment: float, axis: npt.ArrayLike | None = None) -> None:
-        """Turn the tool with a moment, instead of a prescribed rotation, in the next solves.
+        """Drive the tool by a moment, instead of a prescribed rotation, in the next solves.
 
-        A solve finds the angle about the axis through :attr:`center` for which the contact forces
-        do as much work as the moment, to 1e-8. They act where contact has paired: for small angles
-        ``contact.moment("master", tool.center) @ axis`` is minus the moment, up to what arms change
-        in the step. :attr:`rotation` holds the angle afterwards; the displacement stays prescribed.
-        It takes the place of a force.
+        A solve finds the angle about the axis through :attr:`center` for which the virtual work of
+        the contact forces balances that of the moment, to 1e-8. The forces act at the positions of
+        the last contact detection: for small angles
+        ``contact.moment("master", tool.center) @ axis`` is minus the moment, up to the change of
+        the lever arms in the step. :attr:`rotation` contains the angle afterwards; the displacement
+        stays prescribed. A moment replaces an earlier force.
 
         Args:
             moment: Moment, in 2D per length and counter-clockwise.
@@ -573,7 +582,7 @@ class RigidSurface:
         self._driven = driven
 
     def release(self) -> None:
-        """Prescribe all of the displacement and rotation again."""
+        """Prescribe the whole displacement and rotation again, without a force or moment."""
         self._driven = None
 
     @property
@@ -583,25 +592,25 @@ class RigidSurface:
 
     @property
     def driven_motion(self) -> Affine:
-        """How places of the tool move with what is driven: a length, or an angle."""
+        """Displacement field of the tool per unit of its unknown, a length or an angle."""
         assert self._driven is not None
         return self._driven.field(self._rotation, self.center)
 
     @property
     def driven_curvature(self) -> Affine | None:
-        """The second derivative; None for 0."""
+        """Second derivative of the displacement by the unknown; None if it is 0."""
         assert self._driven is not None
         return self._driven.curvature(self._rotation, self.center)
 
     def move_driven(self, start: tuple[Array, Array], s: float) -> None:
-        """Go on by a length or an angle from a displacement and a rotation."""
+        """Move by a length or an angle from a given displacement and rotation."""
         assert self._driven is not None
         self._displacement, self._rotation = self._driven.moved(*start, s)
 
     # --- For contacts
 
     def create_vec(self) -> None:
-        """There are no unknowns."""
+        """None: a rigid tool has no unknowns."""
         return None
 
     def shape_degree(self, order: int) -> int:
@@ -611,11 +620,11 @@ class RigidSurface:
         return order * (2 if self.num_facet_vertices == 4 else 1)
 
     def search_object(self, slave: Surface) -> _cpp.Surface:
-        """Its facets as pairing from a slave sees them: rings where the slave's are."""
+        """Facets for contact detection from a slave: rings if the slave is axisymmetric."""
         return self.facets(slave.axisymmetric)
 
     def shells(self) -> Shells:
-        """Connected shells of its facets. Collective at first.
+        """Connected shells of the facets. The first call is collective.
 
         Raises:
             ValueError: If the shape is analytic.
@@ -625,10 +634,10 @@ class RigidSurface:
         return self._shells
 
     def check_state(self) -> None:
-        """Refuse a motion or force that is not finite or differs between ranks. Collective.
+        """Check that the motion and the force are finite and the same on all ranks. Collective.
 
         Raises:
-            ValueError: With the name of what is wrong.
+            ValueError: With the name of the wrong argument.
         """
         driven = None if self._driven is None else dataclasses.astuple(self._driven)
         force, direction, turns = driven or (None, None, None)
@@ -641,7 +650,7 @@ class RigidSurface:
     @property
     def _facets(self) -> Facets:
         if not isinstance(self._shape, Facets):
-            raise ValueError("an analytic shape has no facets")
+            raise ValueError("a rigid tool with an analytic shape has no facets")
         return self._shape
 
 

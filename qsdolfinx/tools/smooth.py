@@ -1,4 +1,4 @@
-"""Smooth surfaces by name: what the facets of a contact surface approximate."""
+"""Smooth surfaces that the facets of a contact surface approximate."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ ACUTE = number("an angle between 0 and π/2", lambda x: 0 < x < np.pi / 2)
 
 
 class Smooth(abc.ABC):
-    """A surface that facets approximate, see ``smoothing`` of :class:`qs.Contact`.
+    """Base class of smooth surfaces that facets approximate: ``smoothing`` of :class:`qs.Contact`.
 
-    It has no inside: for the facets of a pin or of its hole it is the same.
+    A smooth surface has no inside: use the same surface for the facets of a pin and of its hole.
     """
 
     def __init__(self, shape: shapes.Shape, parameters: dict[str, typing.Any]) -> None:
@@ -33,7 +33,7 @@ class Smooth(abc.ABC):
 
     @property
     def shape(self) -> shapes.Shape:
-        """Its exact distance."""
+        """Shape that gives the exact distance."""
         return self._shape
 
     def __repr__(self) -> str:
@@ -42,15 +42,15 @@ class Smooth(abc.ABC):
 
     @classmethod
     def fit(cls: type[Made], surface: Surface) -> Made:
-        """The surface of this kind nearest to a surface's vertices, by least squares. Collective.
+        """Fit a surface of this kind to the vertices of a surface, by least squares. Collective.
 
         Args:
-            surface: Its vertices are on the smooth surface that is looked for.
+            surface: Surface with vertices on the unknown smooth surface.
 
         Raises:
-            TypeError: If it is no surface.
-            ValueError: If vertices are off by more than a tenth of the facets' chord error, or the
-                kind is one in 3D and the surface in 2D.
+            TypeError: If ``surface`` is not a Surface.
+            ValueError: If vertices are off the smooth surface by more than a tenth of the facets'
+                chord error, or this kind exists in 3D only and the surface is in 2D.
         """
         check(instance(Surface, "a qsdolfinx.Surface"), surface=surface)
         found = cls._fitted(_Cloud(surface))
@@ -67,8 +67,8 @@ class Plane(Smooth):
     """A plane; in 2D a line.
 
     Args:
-        point: One of its points, shape (gdim,), gdim 2 or 3.
-        normal: Of any length and either side, shape (gdim,).
+        point: A point of the plane, shape (gdim,), gdim 2 or 3.
+        normal: Normal of any length and of either sign, shape (gdim,).
 
     Raises:
         ValueError: If an argument has another shape or is not finite, or the normal is zero.
@@ -90,8 +90,8 @@ class Sphere(Smooth):
     """A sphere; in 2D a circle.
 
     Args:
-        center: Its centre, shape (gdim,), gdim 2 or 3.
-        radius: Its radius (length).
+        center: Centre, shape (gdim,), gdim 2 or 3.
+        radius: Radius (length).
 
     Raises:
         ValueError: If an argument has another shape or is not finite, or the radius is not
@@ -147,12 +147,12 @@ class Cylinder(Smooth):
 
 
 class Cone(Smooth):
-    """A circular cone, to one side of its apex; in 3D.
+    """A circular cone on one side of its apex; in 3D only.
 
     Args:
-        apex: Shape (3,).
-        axis: From the apex into the cone, shape (3,), of any length.
-        half_angle: Between the axis and the cone, radians.
+        apex: Apex, shape (3,).
+        axis: Direction from the apex into the cone, shape (3,), of any length.
+        half_angle: Angle between the axis and the cone, radians.
 
     Raises:
         ValueError: If an argument has another shape or is not finite, the axis is zero, or the
@@ -181,12 +181,12 @@ class Cone(Smooth):
 
 
 class Torus(Smooth):
-    """A circular tube around an axis; in 3D.
+    """A torus: a circular tube around an axis; in 3D only.
 
     Args:
-        center: Its middle, shape (3,).
+        center: Centre, shape (3,).
         axis: Direction of the axis, shape (3,), of any length.
-        radius: Of the circle that the tube follows (length).
+        radius: Radius of the circle in the middle of the tube (length).
         tube: Radius of the tube (length).
 
     Raises:

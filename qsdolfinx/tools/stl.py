@@ -59,8 +59,8 @@ class Stl(typing.NamedTuple):
         text = f"filename: {self.num_dropped} triangles have no area and are left out"
         if self.num_opened:
             text += (
-                f"; {self.num_opened} edges have no neighbour any more, where nodes may find no "
-                "partner: mend the surface in the program that wrote it"
+                f"; {self.num_opened} edges have no neighbour any more, and nodes there may find "
+                "no partner: repair the surface in the program that wrote it"
             )
         return text
 
@@ -131,7 +131,7 @@ def _of_binary(name: str, data: bytes) -> Array:
     require(
         count <= fits,
         f"{name} is truncated, or no STL file: its header says {count} triangles, its size is that "
-        f"of {fits}",
+        f"of {fits} triangles",
     )
     rest = data[_size(data) :]
     require(

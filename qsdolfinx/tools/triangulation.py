@@ -194,13 +194,13 @@ def _check_orientation(
     known = comm.allgather(mine)
     places = [next(at[number][0] for at in known if at[number]) for number in ends]
     texts = ["({:.6g}, {:.6g}, {:.6g})".format(*place) for place in places]
-    kind, remedy = "edge from " + " to ".join(texts), "facets there must pass it once each way"
+    kind, remedy = "edge from " + " to ".join(texts), "its facets must pass it in opposite ways"
     if n == 2:
-        kind, remedy = f"vertex {texts[0]}", "one segment there must begin at it, the other end"
+        kind, remedy = f"vertex {texts[0]}", "one segment must begin at it, the other end there"
     raise ValueError(
-        f"{name}: neighbours at the {kind} are oriented in opposite ways, or overlap; {remedy}: "
-        "turn facets round, remove repeated ones, and unite solids that overlap or write each to "
-        "a tool of its own"
+        f"{name}: neighbours at the {kind} have opposite orientations, or overlap; {remedy}: "
+        "reverse facets, remove repeated facets, and unite solids that overlap, or make each of "
+        "them a tool of its own"
     )
 
 
