@@ -69,7 +69,7 @@ def _full(self, z, at, change):
 
 REMEDIES = (
     Remedy(
-        "a step is halved",
+        "a step is halved (line search)",
         OneNewton,
         "_search",
         lambda out, *_: out[2] < 1,
@@ -77,7 +77,7 @@ REMEDIES = (
         "solve/test_viscoplastic.py",
     ),
     Remedy(
-        "steps are mixed where a law that remembers gives secants",
+        "steps are mixed where a law with history gives secants",
         OneNewton,
         "_mixed",
         lambda out, *_: out is not None,
@@ -85,7 +85,7 @@ REMEDIES = (
         "contact/test_memory.py::test_bond_beyond_the_search_radius",
     ),
     Remedy(
-        "a step ends where forces do no more work",
+        "a step ends where the residual forces do no more work",
         OneNewton,
         "_until_rest",
         lambda out, *_: out is not None,
@@ -93,7 +93,7 @@ REMEDIES = (
         "problems/test_engineering_2.py::test_three_bodies",
     ),
     Remedy(
-        "a solve begins again where the step began",
+        "a solve starts again from the beginning of the step",
         AtOnce,
         "_begin_again",
         lambda *_: True,
@@ -110,7 +110,7 @@ REMEDIES = (
         "problems/test_leaf_spring.py",
     ),
     Remedy(
-        "bodies begin where springs hold them",
+        "first guess: bodies in equilibrium on springs",
         at_once,
         "guess",
         lambda out, system: bool(np.any(system.x.array_r)),
@@ -118,7 +118,7 @@ REMEDIES = (
         "solve/test_first_guess.py",
     ),
     Remedy(
-        "driven tools begin where springs hold them",
+        "first guess: force-controlled tools in equilibrium on springs",
         ToolBalance,
         "_settle",
         lambda out, *_: out != 0,
@@ -126,7 +126,7 @@ REMEDIES = (
         "tools/test_rigid_motion.py",
     ),
     Remedy(
-        "springs hold bodies as long as forces are unbalanced",
+        "springs hold bodies while forces are unbalanced",
         balance.Balance,
         "shift",
         lambda out, *_: max(out) > REGULAR,
@@ -134,7 +134,7 @@ REMEDIES = (
         "sliding/test_dragged_by_a_side.py",
     ),
     Remedy(
-        "closed points are soft far from a solution",
+        "active points are compliant far from a solution",
         balance.Balance,
         "proximal",
         lambda out, *_: out > LEAST_PROXIMAL,
@@ -142,7 +142,7 @@ REMEDIES = (
         "contact/test_edges_of_tools.py::test_many_tips",
     ),
     Remedy(
-        "slip counts from where rows close",
+        "slip counts from the contact onset",
         Onset,
         "find",
         lambda out, *_: out is None,
@@ -150,7 +150,7 @@ REMEDIES = (
         "friction/test_first_contact.py",
     ),
     Remedy(
-        "slow slip rates are learned",
+        "the solve is repeated with an updated slow slip rate",
         problem.ContactProblem,
         "_has_other_rates",
         lambda out, *_: out,
@@ -158,7 +158,7 @@ REMEDIES = (
         "friction/test_first_contact.py",
     ),
     Remedy(
-        "friction that jumps has a part on the edge of contact",
+        "discontinuous friction has a part at the edge of contact",
         FrictionRows,
         "_filled",
         lambda out, *_: bool(np.any(out.filled.edge)),
@@ -166,7 +166,7 @@ REMEDIES = (
         "friction/test_edge_of_contact.py",
     ),
     Remedy(
-        "a direct solver stands in",
+        "a direct solver replaces an iterative one",
         LinearSolver,
         "give_up",
         lambda out, *_: out,

@@ -168,7 +168,7 @@ def page(results):
             last = row["case"]
             yield f"| {case} | {row['unknowns']:,} | {' | '.join(cells_of(row))} |"
         ratios = [row["ratio"] for row in rows if row["ratio"]]
-        yield f"\nAuto over the best: at most {max(ratios):.2f}, median {np.median(ratios):.2f}."
+        yield f"\nRatio auto / best: at most {max(ratios):.2f}, median {np.median(ratios):.2f}."
 
 
 def rewritten(text):

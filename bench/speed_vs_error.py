@@ -222,14 +222,14 @@ def tables(results):
     }
     parts = [
         "## On the finest meshes",
-        f"Error in %, and CPU time in that of {name(BASE)} contact (AL: augmented Lagrangian):",
+        f"Error in %, and CPU time relative to {name(BASE)} contact (AL: augmented Lagrangian):",
         finest(results),
         "Measured with",
         circumstances_of(results),
-        f"The share of contact in the time has a median of {100 * shares['overlay']:.0f} % "
+        f"The share of contact in the CPU time has a median of {100 * shares['overlay']:.0f} % "
         f"(nodal: {100 * shares['nodal']:.0f} %) over all solves.",
         "## All meshes",
-        "Errors in % (below 1e-8: exact), CPU seconds, and share of contact in the time.",
+        "Errors in % (below 1e-8: exact), CPU seconds, and share of contact in the CPU time.",
     ]
     for result in results:
         title = CASES[result["case"]].title
@@ -238,7 +238,7 @@ def tables(results):
             f"![{title}: error over CPU time](figures/speed_{result['case']}.png)",
         ]
         told = [f"{key}: {v:{',' if v > 1e3 else '.4g'}}" for key, v in result["reference"].items()]
-        parts += [f"Of the reference: {'; '.join(told)}."] if told else []
+        parts += [f"Reference solution: {'; '.join(told)}."] if told else []
         parts.append(case_table(result))
     return "\n\n".join(parts)
 

@@ -1,16 +1,17 @@
-"""Results beside what others give for the same problem: closed forms, benchmarks, other codes.
+"""Compare results with references for the same problem: closed forms, benchmarks, other codes.
 
-Each case is a file of ``verified_cases`` with a docstring that says what the problem is and where
-its references are from, ``TITLE``, ``run(small, comm)``, which solves it and returns rows, and
-``FAR``, how far from the references the small ones may be (relative), which the tests check.
-References are of others, never the limit of our own meshes; what is missed is shown as it is.
+Each case is a file of ``verified_cases`` with a docstring that describes the problem and the source
+of its references, with ``TITLE``, with ``run(small, comm)``, which solves the case and returns
+rows, and with ``FAR``, the largest relative difference of a small run from the references, which
+the tests check. References are from other sources, never the limit of our own meshes; deviations
+are shown as they are.
 
     python3 bench/verified.py                        # all cases
     python3 bench/verified.py --case cylinder_roller --json FILE
     python3 bench/verified.py --small                # coarse, as in the tests
     mpirun -n 2 python3 bench/verified.py --markdown docs/verified.md
 
-A row is the quantity, the reference and how far its sources are apart (or its tolerance), ours, and
+A row has the quantity, the reference, the scatter of its sources (or its tolerance), our value, and
 the difference. ``--markdown`` writes the table into a page, between its two markers. Keys of the
 JSON object are "case: quantity", each with reference, scatter, source, ours, difference.
 """
@@ -34,23 +35,23 @@ HEADER = """| quantity | reference | its scatter | ours | difference |
 
 
 def names():
-    """Of all cases."""
+    """Return the names of all cases."""
     files = sorted((here / "verified_cases").glob("*.py"))
     return [path.stem for path in files if "\ndef run(" in path.read_text(encoding="utf-8")]
 
 
 def case(name):
-    """The module of a case."""
+    """Import and return the module of a case."""
     return importlib.import_module(f"verified_cases.{name}")
 
 
 def number(value):
-    """With five digits."""
+    """Format a number with five digits."""
     return f"{value:.5g}"
 
 
 def lines(rows):
-    """Of a table in Markdown."""
+    """Yield the lines of a table in Markdown."""
     for row in rows:
         scatter = f"{100 * row.scatter:.2g} %"
         yield (
@@ -61,7 +62,7 @@ def lines(rows):
 
 
 def section(name, rows, seconds):
-    """A case in Markdown: its title, what it is, its table."""
+    """Return a case in Markdown: its title, its description and its table."""
     module = case(name)
     said = module.__doc__.strip()
     return (

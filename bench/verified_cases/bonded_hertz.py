@@ -1,13 +1,14 @@
-"""Hertz' contact of elastic bodies on curved facets, and contact that does not slip.
+"""Hertz contact of elastic bodies on curved facets, and contact without slip.
 
-Frictionless: a paraboloid of radius R on a half space, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π
-a²), R = 1000 a, ν = 0.3. Bonded flat punch: F/(2 E* a d) = C = (1 − ν) ln(3 − 4ν)/(1 − 2ν)
-(Mossakovskii 1954). Rigid sphere that sticks where it has touched: F/(4/3 E* a d) = C and d = a²/(2
-R I), I = ∫₀¹ t cos(β ln((1+t)/(1−t))) dt, 2πβ = ln(3 − 4ν) (Mossakovskii 1963, Spence 1968; in this
-form Borodich & Keer 2004). Ours: axisymmetric triangles of degree 2, of Hertz' contact curved, with
-constraints at points; cut off at 20 a, where bodies move as under a point force: twice that changes
-the force of the bonded punch by 2e-5. The sphere is pressed down in 30 (8) steps. The radius of the
-closed area is known to half a facet, 0.03 (small run: 0.12) a.
+Frictionless contact: a paraboloid of radius R on a half space, a = √(R d), F = 4/3 E* a d, p₀ = 3
+F/(2π a²), R = 1000 a, ν = 0.3. Bonded flat punch: F/(2 E* a d) = C = (1 − ν) ln(3 − 4ν)/(1 − 2ν)
+(Mossakovskii 1954). Rigid sphere that sticks wherever it has touched: F/(4/3 E* a d) = C and d =
+a²/(2 R I), I = ∫₀¹ t cos(β ln((1+t)/(1−t))) dt, 2πβ = ln(3 − 4ν) (Mossakovskii 1963, Spence 1968;
+in this form Borodich & Keer 2004). Our model: axisymmetric triangles of degree 2, curved in the
+Hertz case, with constraints at points. The bodies are cut off at 20 a, where they are displaced as
+by a point force; with twice this radius the force of the bonded punch changes by 2e-5. The sphere
+is pressed down in 30 (8) steps. The radius of the active area is known to half a facet, 0.03 (small
+run: 0.12) a.
 """
 
 import numpy as np
@@ -24,7 +25,7 @@ from verified_cases.row import Row
 
 import qsdolfinx as qs
 
-TITLE = "Hertz with curved facets, and without slip"
+TITLE = "Hertz contact with curved facets, and contact without slip"
 FAR = 0.05
 
 R, CUT, DEPTH = 1000.0, 20.0, 1e-3  # a = 1 without friction
@@ -32,7 +33,7 @@ CLOSED = "closed form"
 
 
 def hertz(comm, h):
-    """Two elastic bodies without friction."""
+    """Solve Hertz contact of two elastic bodies without friction; return the rows."""
     E, nu = (3000.0, 1000.0), 0.3
     e_star = 1 / sum((1 - nu**2) / modulus for modulus in E)
     lower = axisymmetric(comm, -1, E[0], nu, CUT, graded(1.3, h))
@@ -59,7 +60,7 @@ def hertz(comm, h):
 
 
 def bonded_punch(comm, nu, size):
-    """A rigid flat punch of radius 1 that is glued to the half space."""
+    """Solve for a rigid flat punch of radius 1 that is bonded to the half space."""
     body = axisymmetric(comm, -1, 1000.0, nu, CUT, size, marks=(1.0,), within=1.0)
     punch = qs.RigidSurface.plane(comm, [0.0, 0.0], [0.0, -1.0])
     punch.displacement = [0.0, -DEPTH]
@@ -71,7 +72,7 @@ def bonded_punch(comm, nu, size):
 
 
 def sticking_sphere(comm, nu, h, steps):
-    """A rigid sphere that sticks; its contact radius grows by about the same in each step."""
+    """Solve for a rigid sphere that sticks; the steps increase its contact radius evenly."""
     body = axisymmetric(comm, -1, 1000.0, nu, CUT, graded(1.3, h))
     sphere = qs.RigidSurface.sphere(comm, [0.0, R], R)
     contact = qs.Contact(body.surface, sphere, friction=qs.Sticking())

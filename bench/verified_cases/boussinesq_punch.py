@@ -1,11 +1,11 @@
 """A rigid flat punch of radius a on an elastic half space, frictionless (Boussinesq 1885).
 
-At the depth d the force is F = 2 E* a d, the pressure F/(2π a √(a² − r²)), and the surface beside
-the punch sinks by 2 d/π asin(a/r). E = 1000, ν = 0.3, a = 1, d = 1e-4 (small strains); the half
-space is cut off at 20 a, where it moves as under a point force: twice that changes the force by
-5e-5. Ours: axisymmetric triangles of degree 2, of a/10000 at the edge (small run: a/50), with a
-vertex there; the punch is a flat facet of a rigid tool that ends at a, and the surface goes on
-beyond it.
+At the depth d the force is F = 2 E* a d, the pressure is F/(2π a √(a² − r²)), and the surface
+beside the punch sinks by 2 d/π asin(a/r). E = 1000, ν = 0.3, a = 1, d = 1e-4 (small strains). The
+half space is cut off at 20 a, where it is displaced as by a point force; with twice this radius the
+force changes by 5e-5. Our model: axisymmetric triangles of degree 2, with the size a/10000 at the
+edge of the punch (small run: a/50) and a vertex there. The punch is a flat facet of a rigid tool
+that ends at the radius a; the contact surface of the half space extends further.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ FORCE = 2 * E / (1 - NU**2) * DEPTH
 
 
 def settlement(body):
-    """Downward displacement of the surface at twice the punch's radius. Collective."""
+    """Return the downward displacement of the surface at twice the punch radius. Collective."""
     component, dofs = body.V.sub(1).collapse()
     u = fem.Function(component)
     u.x.array[:] = body.u.x.array[dofs]

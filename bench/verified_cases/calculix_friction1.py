@@ -1,13 +1,14 @@
-"""A block is pressed on a cube and sticks to it, elastically.
+"""A block is pressed on a cube and sticks to it elastically.
 
-A block of side 0.5 on the middle of a unit cube, both of E = 210000, ν = 0.3, pressed by 100 on its
-top, which cannot move sideways; the cube's bottom is held. Coulomb's friction, μ = 0.2, sticks
-everywhere, with a stiffness of 47000. References are contact stresses at the block's nodes, means
-of nodes that are the same by symmetry, in CalculiX' test friction1 (friction1.inp,
-friction1.dat.ref): node-to-face contact with a penalty of 1e7, large displacements. Ours: the same
-meshes of 4 × 4 × 4 bricks, the same penalties, at nodes from the block ("master-slave", "nodal"),
-small strains. Its penalty is softer at small depths, by 2 % at the corner and 5 % in the middle,
-which is left out here. The small run is the full one.
+A block of side 0.5 is placed on the middle of a unit cube, both with E = 210000, ν = 0.3. A
+pressure of 100 acts on its top, which cannot move sideways; the bottom of the cube is fixed.
+Coulomb friction, μ = 0.2, sticks everywhere, with a stiffness of 47000. The references are contact
+stresses at the nodes of the block, averaged over nodes that are equal by symmetry, in the CalculiX
+test friction1 (friction1.inp, friction1.dat.ref): node-to-face contact with a penalty of 1e7 and
+large displacements. Our model: the same meshes of 4 × 4 × 4 bricks and the same penalties,
+evaluated at the nodes of the block ("master-slave", "nodal"), small strains. The penalty of
+CalculiX is softer at small depths, by 2 % at the corner and 5 % in the middle; our model does not
+include this. The small run is the same as the full run.
 """
 
 import numpy as np
@@ -23,7 +24,7 @@ import qsdolfinx as qs
 TITLE = "Block that sticks to a cube (CalculiX, friction1)"
 FAR = 0.002
 
-#: Where, x and y, pressure, friction.
+#: Name of the node, x and y, pressure, friction.
 REFERENCES = (
     ("corner", (0.75, 0.75), 133.3510, 3.1836),
     ("middle of the edge", (0.75, 0.5), 101.3087, 2.0412),
@@ -33,7 +34,7 @@ REFERENCES = (
 
 
 def cube(low, high, comm):
-    """Residual without loads, displacement, its mesh."""
+    """Return the residual without loads, displacement, test function and mesh."""
     msh = mesh.create_box(comm, [low, high], [4, 4, 4], mesh.CellType.hexahedron)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -42,7 +43,7 @@ def cube(low, high, comm):
 
 
 def solve(comm):
-    """Contact after a step."""
+    """Solve one step and return the contact."""
     F_c, u_c, _, cube_mesh = cube([0.0, 0.0, 0.0], [1.0, 1.0, 1.0], comm)
     F_b, u_b, v_b, block_mesh = cube([0.25, 0.25, 1.0], [0.75, 0.75, 1.5], comm)
     top, bottom = facets_at(block_mesh, 2, 1.5), facets_at(cube_mesh, 2, 0.0)
@@ -66,7 +67,7 @@ def solve(comm):
 
 
 def run(small, comm):
-    """Pressures and frictions at nodes of the block."""
+    """Return rows of pressures and friction stresses at nodes of the block."""
     contact = solve(comm)
     block = contact.slave
     x, t = along(block, block.node_values(contact.traction("slave")))

@@ -1,12 +1,12 @@
-"""Two squares of which the lower one is pulled off but for its middle.
+"""The lower one of two squares is pulled off the upper one, except in its middle.
 
-Side 0.01 m, plane strain, no friction. The lower one, E = 15e9 Pa, ν = 0.2, is held at its bottom;
-the top of the upper one, 20e9 Pa and 0.4, is moved down by 5e-7 m. Tractions of 1e5 Pa inwards and
-1e6 Pa downwards act on the lower one's sides. The problem is from S. Hüeber's thesis (page 44);
-references are displacements at the interface in CalculiX' test hueeber1 (hueeber1.inp,
-hueeber1.dat.ref): face-to-face contact with a penalty of 1e15 Pa/m. Ours: the same penalty and
-meshes, 60 × 60 and 70 × 70 cells of degree 1 (one layer of bricks there); the small ones have 12 ×
-12 and 14 × 14.
+Side 0.01 m, plane strain, no friction. The lower square, E = 15e9 Pa, ν = 0.2, is fixed at its
+bottom; the top of the upper square, 20e9 Pa and 0.4, is moved down by 5e-7 m. Tractions of 1e5 Pa
+inwards and 1e6 Pa downwards act on the sides of the lower square. The problem is from S. Hüeber's
+thesis (page 44). The references are displacements at the interface in the CalculiX test hueeber1
+(hueeber1.inp, hueeber1.dat.ref): face-to-face contact with a penalty of 1e15 Pa/m. Our model: the
+same penalty and meshes, 60 × 60 and 70 × 70 cells of degree 1 (CalculiX uses one layer of bricks);
+the small run has 12 × 12 and 14 × 14 cells.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-TITLE = "Two squares that come off each other (CalculiX, hueeber1)"
+TITLE = "Two squares that lose contact (CalculiX, hueeber1)"
 FAR = 0.12
 
 SIDE = 0.01
@@ -39,7 +39,7 @@ REFERENCES = (
 
 
 def square(n, bottom, E, nu, comm):
-    """Residual without loads, displacement, conditions, and its contact surface."""
+    """Return the residual, displacement, conditions and contact surface of a square."""
     corners = [[0.0, bottom], [SIDE, bottom + SIDE]]
     msh = mesh.create_rectangle(comm, corners, [n, n], mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
@@ -54,7 +54,7 @@ def square(n, bottom, E, nu, comm):
 
 
 def run(small, comm):
-    """Displacements at the interface; those of the upper body are also counted from its top."""
+    """Return displacements at the interface; for the upper body also relative to its top."""
     lower, upper = (12, 14) if small else (60, 70)
     F, u, bcs, (master, slave) = zip(
         square(lower, 0.0, 15e9, 0.2, comm), square(upper, SIDE, 20e9, 0.4, comm), strict=True

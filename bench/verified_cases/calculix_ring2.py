@@ -1,10 +1,11 @@
 """Shrink fit of two rings.
 
-Axisymmetric, 0.1 long, E = 210000, ν = 0.3, the inner one from r = 0.9501 to 1.0501, the outer one
-from 1.05 to 1.15: an interference of 1e-4; no friction. References are displacements of nodes in
-CalculiX' test ring2 (ring2.inp, ring2.dat.ref): face-to-face contact with a penalty of 1e7 per
-length, each ring one element of degree 2, large displacements. Ours: the same penalty, two
-quadrilaterals of degree 2 each, small strains; the small run is the full one.
+Axisymmetric, length 0.1, E = 210000, ν = 0.3. The inner ring extends from r = 0.9501 to 1.0501, the
+outer ring from 1.05 to 1.15, so that the interference is 1e-4; no friction. The references are
+displacements of nodes in the CalculiX test ring2 (ring2.inp, ring2.dat.ref): face-to-face contact
+with a penalty of 1e7 per length, one element of degree 2 per ring, large displacements. Our model:
+the same penalty, two quadrilaterals of degree 2 per ring, small strains. The small run is the same
+as the full run.
 """
 
 import numpy as np
@@ -33,7 +34,7 @@ REFERENCES = (
 
 
 def ring(inner, outer, side, held, comm):
-    """Residual, displacement, conditions, and the surface at a radius; held along z at another."""
+    """Return residual, displacement, conditions and contact surface of a ring fixed along z."""
     corners = [[inner, 0.0], [outer, LENGTH]]
     msh = mesh.create_rectangle(comm, corners, [1, 2], mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
@@ -50,7 +51,7 @@ def ring(inner, outer, side, held, comm):
 
 
 def run(small, comm):
-    """Displacements of nodes."""
+    """Return rows of displacements of nodes."""
     F, u, bcs, (master, slave) = zip(
         ring(0.9501, 1.0501, 1.0501, 0.9501, comm), ring(1.05, 1.15, 1.05, 1.15, comm), strict=True
     )

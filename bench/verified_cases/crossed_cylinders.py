@@ -1,13 +1,14 @@
-"""Two elastic cylinders crossed at right angles, frictionless: Hertz' contact in 3D (1882).
+"""Two elastic cylinders crossed at right angles, frictionless: Hertz contact in 3D (1882).
 
 Radii R and R: a circle, a = √(R d), F = 4/3 E* a d, p₀ = 3 F/(2π a²). Radii R and R/3: an ellipse,
 b = a √(1 − e²), 1/2R = d (K − E)/(K e² a²), 3/2R = d (E/(1 − e²) − K)/(K e² a²), p₀ = d E*/(b K), F
-= ⅔ π a b p₀, with K and E complete elliptic integrals of e (K. L. Johnson, Contact Mechanics, 1985,
-section 4.2). R = 1000 a, parabolas stand for the cylinders. Ours: a quarter of both, hexahedra of
-degree 1 that do not match, 9 and 7 along a (small run: 4 and 3), too stiff, and so is the force;
-cubes of side 8 a, whose outer faces move as under a point force: that costs a share of the order
-(a/8a)³ of the force, 2e-3. Constraints at points. Half axes are from the pressure's second moments,
-the area is that of the closed points.
+= ⅔ π a b p₀, with the complete elliptic integrals K and E of e (K. L. Johnson, Contact Mechanics,
+1985, section 4.2). R = 1000 a; parabolas approximate the cylinders. Our model: a quarter of both
+bodies, non-matching hexahedra of degree 1, 9 and 7 along a (small run: 4 and 3). They are too
+stiff, and therefore the force is too large. The bodies are cubes of side 8 a, whose outer faces are
+displaced as by a point force; the relative error of the force due to this is of the order (a/8a)³,
+2e-3. Constraints at points. The half axes are computed from the second moments of the pressure, the
+area from the active points.
 """
 
 import numpy as np
@@ -26,17 +27,17 @@ FAR = 0.09
 R, SIDE = 1000.0, 8.0
 E, NU = (3000.0, 1000.0), 0.3
 E_STAR = 1 / sum((1 - NU**2) / modulus for modulus in E)
-#: Cells are even out to this, in half axes, and by how much of their number.
+#: Radius, in half axes, up to which cells are even, and the part of all cells within it.
 EVEN, SHARE = 1.25, 0.55
 
 
 def ellipse(ratio):
-    """Approach, half axis b, force and peak pressure of radii R and R / ratio, with a = 1."""
+    """Return approach, half axis b, force and peak pressure for radii R and R / ratio, a = 1."""
     if ratio == 1:
         return 1 / R, 1.0, 4 / 3 * E_STAR / R, 2 * E_STAR / (np.pi * R)
 
     def curvatures(m):
-        """Of both gaps, over the approach; m = e²."""
+        """Return the curvatures of the gap along both axes over the approach; m = e²."""
         K, E_ = ellipk(m), ellipe(m)
         return np.array([K - E_, E_ / (1 - m) - K]) / (K * m)
 
@@ -51,7 +52,7 @@ def ellipse(ratio):
 
 
 def stretched(s, even):
-    """From 0 to SIDE for s from 0 to 1: even steps out to `even`, then growing ones."""
+    """Map s from 0 to 1 to 0 to SIDE: even steps up to `even`, then growing steps."""
     slope, rest = even / SHARE, 1 - SHARE
 
     def grown(rate, t):
@@ -62,7 +63,7 @@ def stretched(s, even):
 
 
 def body(comm, sign, modulus, n, b, radius):
-    """A quarter of a cylinder along x, below, or along y, above."""
+    """Create a quarter of a cylinder, along x for the lower body, along y for the upper body."""
     msh = mesh.create_box(comm, [[0.0] * 3, [1.0] * 3], [n] * 3, cell_type=mesh.CellType.hexahedron)
     x = msh.geometry.x
     for axis, even in enumerate((EVEN, EVEN * b, 0.5 * EVEN * b)):
@@ -79,7 +80,7 @@ def body(comm, sign, modulus, n, b, radius):
 
 
 def solve(comm, sizes, ratio, name):
-    """Rows of one pair of radii."""
+    """Return the rows for one pair of radii."""
     approach, b, exact, p0 = ellipse(ratio)
     lower = body(comm, -1, E[0], sizes[0], b, R / ratio)
     upper = body(comm, 1, E[1], sizes[1], b, R)

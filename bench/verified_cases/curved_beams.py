@@ -2,16 +2,16 @@
 
 D. Neto, M. Oliveira, L. Menezes, J. Alves, *Computer Methods in Applied Mechanics and Engineering*
 299 (2016) 283-315: radii 10 and 12 mm below, 8 and 10 mm above, pushed by 31.5 mm; plane strain, 1
-mm thick, E = 689.56 MPa, ν = 0.32, σ_Y = 31 MPa, H = 261.2 MPa. The paper was not at hand: all
-this, and its curves of the force on the lower ring's ends, digitised to about 1 % of their
-largest, are from solids4foam's tutorial `curvedBeams`. Its own largest F_x and F_y for μ = 0.3, on
-its finest mesh, are 16.97 and 38.87 N.
+mm thick, E = 689.56 MPa, ν = 0.32, σ_Y = 31 MPa, H = 261.2 MPa. The paper was not available. These
+data, and the paper's curves of the force on the ends of the lower ring, digitised to about 1 % of
+their largest force, are from the solids4foam tutorial `curvedBeams`. The largest F_x and F_y of
+solids4foam for μ = 0.3, on its finest mesh, are 16.97 and 38.87 N.
 
-Ours: finite sliding, 63 steps, quadrilaterals of degree 1 with a pressure in each, 3 × 40 and 3 ×
-36, `qs.J2Plasticity` (Hencky's elasticity; solids4foam's is neo-Hookean). A penalty of 300 MPa/mm:
-with an augmented Lagrangian, or with displacements of degree 2, Newton's method did not get
-through where it was tried. F_x turns its sign after the top. The small run is the one without
-friction, until F_x is largest.
+Our model: finite sliding, 63 steps, quadrilaterals of degree 1 with a constant pressure in each, 3
+× 40 and 3 × 36, `qs.J2Plasticity` (Hencky elasticity; solids4foam uses a neo-Hookean material). The
+penalty is 300 MPa/mm: with an augmented Lagrangian, or with displacements of degree 2, Newton's
+method did not reach the end in the runs that were tried. F_x changes its sign after the top. The
+small run is the run without friction, until F_x is largest.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ FAR = 0.02
 
 E, NU, YIELD, HARDENING = 689.5564786, 0.32, 31.0, 261.2  # MPa
 LOWER, UPPER, HEIGHT, WAY = (10.0, 12.0), (8.0, 10.0), 17.0, 31.5  # mm
-#: Of the upper centre, where the rings just touch.
+#: x of the upper centre at which the rings just touch.
 START = -np.sqrt((LOWER[1] + UPPER[1]) ** 2 - HEIGHT**2)
 STEPS, PENALTY = 63, 300.0
 #: Extremes of the published curves, N: F_x before and after the top, F_y; None where there is none.
@@ -42,13 +42,13 @@ DIGITISED = 0.01  # of a curve's largest force
 
 
 def create_half_ring(comm, n, radii, centre, side):
-    """A mesh of n[0] quadrilaterals across and n[1] around.
+    """Create a mesh of a half-ring with n[0] quadrilaterals across and n[1] around.
 
     Args:
         comm: Communicator.
         n: Numbers of cells.
-        radii: Inner and outer one.
-        centre: Of the circles.
+        radii: Inner and outer radius.
+        centre: Centre of the circles.
         side: 1: the arch is above its centre; −1: below.
     """
     x, cells = np.zeros((0, 2)), np.zeros((0, 4), dtype=np.int64)
@@ -64,7 +64,7 @@ def create_half_ring(comm, n, radii, centre, side):
 
 
 class Beam:
-    """An elasto-plastic half-ring that touches with its outside; arguments as above."""
+    """An elasto-plastic half-ring with contact on its outside; arguments as above."""
 
     def __init__(self, comm, n, radii, centre, side):
         msh = create_half_ring(comm, n, radii, centre, side)
@@ -80,13 +80,13 @@ class Beam:
         self.surface = qs.Surface(V, facets=outside)
         ends, parts = facets_at(msh, 1, centre[1]), [V.sub(0), V.sub(1)]
         self._ends = [fem.locate_dofs_topological(part, 1, ends) for part in parts]
-        #: Of the ends, along x.
+        #: Displacement of the ends along x.
         self.shift = fem.Constant(msh, 0.0)
         values = zip((self.shift, 0.0), self._ends, parts, strict=True)
         self.bcs = [fem.dirichletbc(value, dofs, part) for value, dofs, part in values]
 
     def reaction(self):
-        """The force that holds the ends. Collective."""
+        """Return the reaction force at the ends. Collective."""
         b = fem.assemble_vector(self._residual)
         b.scatter_reverse(la.InsertMode.add)
         own = b.index_map.size_local * b.block_size
@@ -95,7 +95,7 @@ class Beam:
 
 
 def push(comm, n, mu, way=WAY):
-    """Push the upper ring; returns the forces on the lower one's ends, shape (steps, 2)."""
+    """Push the upper ring; return the forces on the ends of the lower ring, shape (steps, 2)."""
     lower = Beam(comm, n, LOWER, (0.0, 0.0), 1)
     upper = Beam(comm, (n[0], round(0.9 * n[1])), UPPER, (START, HEIGHT), -1)
     contact = qs.Contact(

@@ -1,17 +1,19 @@
-"""A steel roller is pressed on an aluminium block: Hertz' contact.
+"""A steel roller is pressed on an aluminium block: Hertz contact.
 
 Benchmark 1 of A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS R0094 (2006), as
-MSC's *MD Demonstration Problems*, chapter 1, describes it: radius 50 mm, 35 kN/mm, a block of 200
-× 200 mm, plane strain, E = 210 and 70 GPa, ν = 0.3. Hertz' closed form is for small strains. The
-displacements of B, on the block below the roller, are those of Code_Aster's test SSNP154, with
-large displacements and quadratic elements (`ssnp154b`, μ = 0; `d`, μ = 0.1); the scatter is to
-linear ones (−1.30690 and −1.30112, `a` and `c`). That test calls them external, but they are also
-what it computes itself; the report was not at hand.
+described in MSC's *MD Demonstration Problems*, chapter 1: radius 50 mm, 35 kN/mm, a block of 200 ×
+200 mm, plane strain, E = 210 and 70 GPa, ν = 0.3. The closed form of Hertz is for small strains.
+The reference displacements of B, on the block below the roller, are from the Code_Aster test
+SSNP154, with large displacements and quadratic elements (`ssnp154b`, μ = 0; `d`, μ = 0.1). The
+scatter is the difference from its linear elements (−1.30690 and −1.30112, `a` and `c`). The test
+calls these values external, but Code_Aster itself computes the same values; the report was not
+available.
 
-Ours: half of the model, triangles of degree 2, augmented Lagrangian. Small strains for Hertz'
-values: the largest pressure at a node, and the half width of the ellipse that fits the pressures
-best. For B St. Venant's and Kirchhoff's material and finite sliding, the load in 5 steps. It is
-spread over 16 mm at the roller's top, where the benchmark has a force at a point.
+Our model: half of the bodies, triangles of degree 2, augmented Lagrangian. Small strains are used
+for the values of Hertz: the largest pressure at a node, and the half width of the ellipse that fits
+the pressures best. For B we use the St. Venant-Kirchhoff material and finite sliding, with the load
+in 5 steps. The load is spread over 16 mm at the top of the roller, whereas the benchmark has a
+point force.
 """
 
 import itertools
@@ -40,7 +42,7 @@ TOP = (8.0, R + np.sqrt(R**2 - 8.0**2))
 
 
 def create_roller(comm, size, **options):
-    """The right half, its contact surface the lower quarter of its arc, under half of the load."""
+    """Create the right half of the roller, in contact at its lower arc, with half of the load."""
 
     def draw(occ):
         around = (0, 0), (R, R), TOP, (0, 2 * R)
@@ -64,7 +66,7 @@ def create_roller(comm, size, **options):
 
 
 def create_block(comm, size, **options):
-    """The right half."""
+    """Create the right half of the block."""
 
     def draw(occ):
         occ.addRectangle(0, -SIZE, 0, SIZE / 2, SIZE)
@@ -99,7 +101,7 @@ def press(comm, size, mu=0.0, small=False):
 
 
 def pressures(contact):
-    """Distances from the middle and pressures at all nodes that are pressed. Collective."""
+    """Return the distances from the middle and the pressures at nodes in contact. Collective."""
     p = contact.pressure("slave")
     V = p.function_space
     num_owned = V.dofmap.index_map.size_local
@@ -109,14 +111,14 @@ def pressures(contact):
 
 
 def half_width(x, p):
-    """Of the ellipse through pressures: p² is linear in x². Those near the edge do not count."""
+    """Fit the half width of the pressure ellipse: p² is linear in x². Skip points near the edge."""
     inside = p > p.max() / 3
     slope, at_middle = np.polyfit(x[inside] ** 2, p[inside] ** 2, 1)
     return np.sqrt(-at_middle / slope)
 
 
 def run(small, comm):
-    """Solve with small strains, and with large ones without and with friction."""
+    """Solve with small strains, and with large strains without and with friction."""
     size = 1.0 if small else 0.15
     x, p = pressures(press(comm, size, small=True)[1])
     rows = [

@@ -1,4 +1,4 @@
-"""Elastic bodies of degree 2, and graded meshes, of the cases after NAFEMS R0094."""
+"""Elastic bodies of degree 2 and graded meshes for the cases that follow NAFEMS R0094."""
 
 import numpy as np
 from common.bodies import fix, gmsh_mesh, measure, per_area
@@ -10,15 +10,15 @@ import qsdolfinx as qs
 
 
 class Body:
-    """A body of St. Venant and Kirchhoff's material, or of Hooke's at small strains.
+    """A body of St. Venant-Kirchhoff material, or of Hooke's material at small strains.
 
     Args:
         msh: Its mesh.
         E: Young's modulus.
         nu: Poisson's ratio.
-        facets: Which may touch.
+        facets: Facets that may touch the other body.
         axisymmetric: Whether the coordinates are (r, z); plane strain otherwise.
-        small: Whether strains are those of small displacements.
+        small: Whether strains are small.
     """
 
     def __init__(self, msh, E, nu, facets, *, axisymmetric=False, small=False):
@@ -37,21 +37,21 @@ class Body:
         self.surface = qs.Surface(self.V, facets=facets, axisymmetric=axisymmetric)
 
     def hold(self, facets, *axes):
-        """Keep facets where they are along some axes."""
+        """Fix facets along some axes."""
         self.bcs += [fix(self.V, axis, facets) for axis in axes]
 
     def press(self, facets, traction):
-        """Load facets by a dead traction downwards, a stress; returns its factor, 1 at first."""
+        """Load facets by a dead downward traction (stress); return its factor, initially 1."""
         factor = fem.Constant(self.mesh, 1.0)
         self.F += factor * traction * self.around * self.v[1] * measure(self.mesh, facets)
         return factor
 
     def force_as_traction(self, facets, force):
-        """The stress that a force in total is on facets, of a body in plane strain."""
+        """Return the uniform traction on facets of a total force, for a body in plane strain."""
         return per_area(self.mesh, force, measure(self.mesh, facets))
 
     def displacement_at(self, *point):
-        """Of the node at a point of the mesh, the same on all ranks. Collective."""
+        """Return the displacement of the node at a point, the same on all ranks. Collective."""
         at = fem.locate_dofs_geometrical(
             self.V, lambda x: np.all(np.isclose(x[:2].T, point, atol=1e-9), axis=1)
         )
@@ -61,14 +61,14 @@ class Body:
 
 
 def graded(comm, draw, size, reach, slope):
-    """A mesh of triangles of degree 2, fine near points and coarser away from them.
+    """Create a mesh of triangles of degree 2, fine near points and coarser away from them.
 
     Args:
         comm: Communicator.
         draw: Called with gmsh's CAD kernel, on rank 0; returns points.
-        size: Of cells up to ``reach`` from the points.
-        reach: A length.
-        slope: By how much cells grow, per length.
+        size: Size of the cells up to the distance ``reach`` from the points.
+        reach: Distance (length).
+        slope: Growth of the cell size per length.
     """
 
     def everything(gmsh):

@@ -1,12 +1,14 @@
-"""Two balls on each other between two plates, held by their three contacts alone.
+"""Two balls on top of each other between two plates, held only by their three contacts.
 
-Balls of R = 5 mm (above) and 10 mm, an upper plate of R = 10 mm, 2 mm thick, a lower one of 20 mm
-and 4 mm, axisymmetric, E = 200000 MPa, ν = 0.3, no friction. The lower plate's rim is held, the
-upper one's top moved down by 2 mm. References are means of Abaqus, Systus and Samcef in
-Code_Aster's validation case SSNA102 (V6.01.102), with its tolerances, and, "again", what Code_Aster
-has in its axisymmetric models, with how far these are apart. Its input (ssna102a) has the geometry,
-and ties the balls' poles, free here, to what they touch. Ours: triangles of degree 2 on straight
-facets, small strains as there, cells of 0.1 mm (small: 0.3 mm) at the contacts, paired once.
+Balls of R = 5 mm (above) and 10 mm, an upper plate of R = 10 mm, 2 mm thick, a lower plate of 20 mm
+and 4 mm, axisymmetric, E = 200000 MPa, ν = 0.3, no friction. The rim of the lower plate is fixed,
+and the top of the upper plate is moved down by 2 mm. The references are means of Abaqus, Systus and
+Samcef in Code_Aster's validation case SSNA102 (V6.01.102), with its tolerances. Rows with "again"
+have the values of the axisymmetric models of Code_Aster as the reference, with the spread of these
+values. The input of Code_Aster (ssna102a) has the geometry; there the poles of the balls are tied
+to the bodies that they touch, whereas they are free here. Our model: triangles of degree 2 on
+straight facets, small strains as in the reference, cells of 0.1 mm (small: 0.3 mm) at the contacts,
+contact detection once.
 """
 
 import itertools
@@ -25,13 +27,13 @@ TITLE = "Four bodies, three contacts, axisymmetric (SSNA102)"
 FAR = 0.05
 
 E, NU = 200000.0, 0.3
-#: Lowest and highest z of each body, from below; radius of plates, or None of balls.
+#: Lowest and highest z of each body, from below; radius for plates, None for balls.
 BODIES = ((0.0, 4.0, 20.0), (4.0, 24.0, None), (24.0, 34.0, None), (34.0, 36.0, 10.0))
 POLES = (4.0, 24.0, 34.0)
 
 
 def create_mesh(low, high, radius, h, comm):
-    """Cells have the size h around the poles that touch, and grow away from them."""
+    """Create a mesh with cells of size h around the poles that touch, growing away from them."""
 
     def draw(gmsh):
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
@@ -52,7 +54,7 @@ def create_mesh(low, high, radius, h, comm):
 
 
 class Body:
-    """A body with its residual, conditions, and its surfaces, below and above."""
+    """A body with its residual, conditions, and its lower and upper surface."""
 
     def __init__(self, low, high, radius, h, comm, degree=2):
         msh = create_mesh(low, high, radius, h, comm)
@@ -85,7 +87,7 @@ def on_half(x, low, high, z):
 
 
 def run(small, comm):
-    """Displacement and force."""
+    """Return rows of displacement and force."""
     bodies = [Body(*body, 0.3 if small else 0.1, comm) for body in BODIES]
     contacts = [
         qs.Contact(lower.surfaces[1], upper.surfaces[0])

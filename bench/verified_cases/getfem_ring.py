@@ -1,12 +1,14 @@
-"""An elastic half ring pressed on a block and drawn along it, beside GetFEM.
+"""An elastic half ring is pressed on a block and drawn along it, compared with GetFEM.
 
-Neo-Hookean bodies, plane strain, quadrilaterals of degree 1, without friction and with Coulomb's, μ
-= 0.2 (`bench/peers/ring.py`). The reference is what GetFEM's large sliding contact with ray tracing
-gives on the same meshes, as recorded in `bench/peers/README.md` ([Peers](peers.md)); there its
-augmentation parameter, quadrature and slave move the force on the coarse mesh by 0.3 %, the
-scatter. 1161 and 2037 nodes (small run: 325 and 539). Ours: quasi-symmetric, overlay, augmented
-Lagrangian, finite sliding. Displacements are those of the ring's lowest node in y; their difference
-is relative to that of the ends, that of the force along to the force down.
+Neo-Hookean bodies, plane strain, quadrilaterals of degree 1, without friction and with Coulomb
+friction, μ = 0.2 (`bench/peers/ring.py`). The reference is the result of GetFEM's large sliding
+contact with ray tracing on the same meshes, as recorded in `bench/peers/README.md`
+([Peers](peers.md)). The augmentation parameter, the quadrature and the choice of the slave in
+GetFEM change the force on the coarse mesh by 0.3 %, which is the scatter. 1161 and 2037 nodes
+(small run: 325 and 539). Our model: quasi-symmetric, overlay, augmented Lagrangian, finite sliding.
+The displacement is the y displacement of the lowest node of the ring; its difference is relative to
+the displacement of the ends. The difference of the force along the block is relative to the force
+down.
 """
 
 import pathlib
@@ -28,8 +30,8 @@ import ring
 TITLE = "Half ring on a block (GetFEM)"
 FAR = 0.01
 
-#: GetFEM's: of a refinement and friction, by displacements of the ends: force down and along, y of
-#: the ring's lowest node.
+#: Results of GetFEM by refinement and friction, and by displacement of the ends: force down, force
+#: along, y displacement of the lowest node of the ring.
 RECORDED = {
     (1, 0.2): {
         (0.0, -0.2): (8.1214, 0.0, -0.01431),
@@ -58,7 +60,7 @@ class Body:
     Args:
         comm: Communicator.
         name: "ring" or "block".
-        refine: All cells are cut by it.
+        refine: Refinement of all cells.
     """
 
     def __init__(self, comm, name, refine):
@@ -85,7 +87,7 @@ class Body:
         self.tracked = {n: self.nodes(given.x[[i]]) for n, i in given.tracked.items()}
 
     def nodes(self, points):
-        """Unknowns' nodes at some points, of this rank and its ghosts."""
+        """Return the nodes of the unknowns at some points, on this rank with its ghosts."""
 
         def near(x):
             return np.linalg.norm(x[:2].T[:, None] - points, axis=2).min(axis=1) < 1e-9
@@ -93,13 +95,13 @@ class Body:
         return fem.locate_dofs_geometrical(self.V, near)
 
     def displacement(self, name):
-        """Of a tracked node. Collective."""
+        """Return the displacement of a tracked node. Collective."""
         u = self.u.x.array.reshape(-1, 2)[self.tracked[name]]
         return np.concatenate(self.mesh.comm.allgather(u))[0]
 
 
 def solve(comm, refine, friction):
-    """Rows of one of GetFEM's tables."""
+    """Return the rows for one table of GetFEM."""
     upper, lower = (Body(comm, name, refine) for name in ("ring", "block"))
     contact = qs.Contact(
         upper.surface,

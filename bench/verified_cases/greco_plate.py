@@ -1,12 +1,13 @@
 """A square plate slides on a rigid plane, pressed from above and from the side.
 
-Side 0.04 m, E = 1.3e11 Pa, ν = 0.2, plane strain, Coulomb's friction with μ = 1. A pressure of 5e7
-Pa acts on the top, one of 15e7 Pa on the left; the right side is a plane of symmetry, whose lowest
-point is held. References are displacements of points of the contact surface, means of the codes of
-a French group (GRECO; R. A. Feijóo, H. J. C. Barbosa, N. Zouain) as Code_Aster's validation case
-SSNV128 (V6.04.128) quotes them, with a tolerance of 5 %; its input (ssnv128a) has the geometry. Its
-own 2D models with multipliers (M, P, Q) have 1.536e-5 to 1.541e-5 m at the last point. Ours: 128 ×
-64 quadrilaterals of degree 1, five equal steps as there; the small mesh is its own, 32 × 10.
+Side 0.04 m, E = 1.3e11 Pa, ν = 0.2, plane strain, Coulomb friction with μ = 1. A pressure of 5e7 Pa
+acts on the top, and a pressure of 15e7 Pa on the left. The right side is a plane of symmetry, and
+its lowest point is fixed. The references are displacements of points of the contact surface, means
+of the codes of a French group (GRECO; R. A. Feijóo, H. J. C. Barbosa, N. Zouain), as quoted in
+Code_Aster's validation case SSNV128 (V6.04.128), with a tolerance of 5 %. The input of Code_Aster
+(ssnv128a) has the geometry. Its 2D models with multipliers (M, P, Q) give 1.536e-5 to 1.541e-5 m at
+the last point. Our model: 128 × 64 quadrilaterals of degree 1, five equal steps as in Code_Aster;
+the small mesh is the mesh of Code_Aster, 32 × 10.
 """
 
 import numpy as np
@@ -33,7 +34,7 @@ REFERENCES = {
 
 
 def solve(cells, comm):
-    """Displacement of the plate, of so many cells along x and y."""
+    """Return the displacement of the plate with the given numbers of cells along x and y."""
     corners = [[0.0, 0.0], [SIDE, SIDE]]
     msh = mesh.create_rectangle(comm, corners, cells, mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))

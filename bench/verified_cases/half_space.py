@@ -1,8 +1,8 @@
-"""Elastic half spaces, fine at the contact, cut off where that acts as a point force.
+"""Elastic half spaces, fine at the contact, cut off where the contact acts as a point force.
 
-The outer boundary is displaced as a half space is by a point force (Boussinesq), the force being
-that of the contact: it is found by some solves. What cutting it off costs is of the order (a/L)³
-of the approach, with a the radius of the contact and L that of the outer boundary.
+The outer boundary is displaced as in a half space under a point force (Boussinesq). This force is
+the contact force, which is found by a few solves. The error of cutting off the half space is of the
+order (a/L)³ of the approach, with the contact radius a and the radius L of the outer boundary.
 """
 
 import itertools
@@ -19,7 +19,7 @@ import qsdolfinx as qs
 
 
 def point_force(r, depth, E, nu):
-    """Displacement of a half space under a unit force on it: outwards, and along the force."""
+    """Return the displacement of a half space under a unit force: outwards and along the force."""
     distance = np.maximum(np.hypot(r, depth), 1e-30)
     outwards = r * depth / distance**3
     outwards = outwards - (1 - 2 * nu) * r / (distance * (distance + depth))
@@ -29,14 +29,14 @@ def point_force(r, depth, E, nu):
 
 
 def quarter_disc(comm, sign, radius, size, marks=()):
-    """Triangles of degree 2 in the half plane (r, z): z < 0 with sign -1, z > 0 with sign 1.
+    """Mesh triangles of degree 2 in the half plane (r, z): z < 0 with sign -1, z > 0 with sign 1.
 
     Args:
         comm: Communicator.
         sign: See above.
-        radius: Of the outer boundary.
+        radius: Radius of the outer boundary.
         size: Size of the cells at r, z.
-        marks: Radii at which there have to be vertices on the surface.
+        marks: Radii at which the surface must have vertices.
     """
 
     def draw(gmsh):
@@ -56,14 +56,14 @@ def quarter_disc(comm, sign, radius, size, marks=()):
 
 
 def graded(reach, h, growth=0.2, edge=None, finest=None):
-    """A size of cells: h out to the radius `reach`, then growing; finer towards an edge there.
+    """Return a cell size function: h up to the radius `reach`, then growing; finer at an edge.
 
     Args:
         reach: Radius.
         h: Size.
         growth: Growth of the size with the distance.
         edge: Radius of a point on the surface at which stresses are singular.
-        finest: Size of the cells there.
+        finest: Size of the cells at this edge.
     """
 
     def size(r, z):
@@ -74,7 +74,7 @@ def graded(reach, h, growth=0.2, edge=None, finest=None):
 
 
 def axisymmetric(comm, sign, E, nu, radius, size, marks=(), **options):
-    """A half space cut off at a radius; arguments as of quarter_disc and HalfSpace."""
+    """Create a half space cut off at a radius; arguments as for quarter_disc and HalfSpace."""
 
     def outside(x):
         return np.isclose(np.hypot(x[0], x[1]), radius)
@@ -84,17 +84,18 @@ def axisymmetric(comm, sign, E, nu, radius, size, marks=(), **options):
 
 
 class HalfSpace:
-    """Form, unknowns, conditions and contact surface of one, axisymmetric or a quarter in 3D.
+    """Form, unknowns, conditions and contact surface of a half space, axisymmetric or 3D quarter.
 
     Args:
-        msh: A mesh of its part with positive coordinates, but for the last one; flat at the top.
+        msh: A mesh of the part with positive coordinates, except the last one; flat at the top.
         sign: 1 above the contact, -1 below.
         E: Young's modulus.
         nu: Poisson's ratio.
         outside: Whether points are on the outer boundary.
-        profile: How far the surface is from the plane, of the coordinates; the mesh is moved.
-        degree: Of the displacement.
-        within: Radius within which it is the contact surface, by default everywhere.
+        profile: Distance of the surface from the plane, a function of the coordinates; the mesh is
+            moved by it.
+        degree: Degree of the displacement.
+        within: Radius of the contact surface, by default the whole surface.
     """
 
     def __init__(self, msh, sign, E, nu, outside, profile=None, degree=2, within=np.inf):
@@ -124,26 +125,26 @@ class HalfSpace:
         self.surface = qs.Surface(V, facets=touching, axisymmetric=ring)
 
     def _displacement(self, x):
-        """Of a unit force that pushes the body away from the contact."""
+        """Return the displacement due to a unit force that pushes the body off the contact."""
         r = np.hypot(*x[:2]) if self.axis == 2 else x[0]
         outwards, along = point_force(r, np.abs(x[self.axis]), self.E, self.nu)
         across = x[: self.axis] / np.maximum(r, 1e-30) * outwards
         return np.vstack([across, self.sign * along[None]])
 
     def hold(self, force, approach=0.0):
-        """Displace the outer boundary as this force does, and towards the other body."""
+        """Displace the outer boundary as by this force, and by the approach to the other body."""
         self._far.x.array[:] = force * self._unit.x.array
         self._far.x.array[self.axis :: self.axis + 1] -= self.sign * approach
 
 
 def settle(problem, contact, force, parts=1):
-    """Solve until the outer boundaries are displaced by the force that is found; returns that.
+    """Solve until the outer boundaries are displaced as by the contact force; return the force.
 
     Args:
         problem: The problem.
         contact: Its contact.
-        force: Function that holds the outer boundaries, of the force.
-        parts: Number of parts that symmetry leaves one of.
+        force: Function of the force that displaces the outer boundaries.
+        parts: Number of symmetric parts, of which the model is one.
     """
     given, found, before = 0.0, 0.0, None
     for _ in range(8):
@@ -159,13 +160,13 @@ def settle(problem, contact, force, parts=1):
 
 
 def pressures(surface, contact, side):
-    """At the nodes of a side that are on this rank. Collective."""
+    """Return the pressures at the nodes of a side on this rank. Collective."""
     t = surface.node_values(contact.traction(side))
     return -np.sum(t * surface.node_normal[:, : t.shape[1]], axis=1)
 
 
 def value_at(surface, values, r):
-    """Value at a radius, linear between the nodes of all ranks. Collective."""
+    """Return the value at a radius, linear between the nodes of all ranks. Collective."""
     radii = surface.node_x[:, 0]
     radii, values = (np.concatenate(surface.comm.allgather(a)) for a in (radii, values))
     order = np.argsort(radii)
@@ -173,17 +174,17 @@ def value_at(surface, values, r):
 
 
 def peak(surface, pressure):
-    """Largest pressure at a node. Collective."""
+    """Return the largest pressure at a node. Collective."""
     return surface.comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
 
 
 def moment_radius(surface, pressure, axis=None):
-    """Radius of Hertz' pressure from its second moment, √(5/2 ∫ p r² / ∫ p). Collective.
+    """Return the radius of a Hertz pressure from its moment, √(5/2 ∫ p r² / ∫ p). Collective.
 
     Args:
-        surface: Surface of contact.
-        pressure: At its nodes.
-        axis: Of a half axis in 3D, √(5 ∫ p x² / ∫ p), along this one.
+        surface: Contact surface.
+        pressure: Pressure at its nodes.
+        axis: If given, return the half axis along this axis in 3D, √(5 ∫ p x² / ∫ p).
     """
     load, x = surface.node_area * pressure, surface.node_x[:, axis or 0]
     total, second = surface.comm.allreduce(np.array([load.sum(), load @ x**2]))

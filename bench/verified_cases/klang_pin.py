@@ -1,14 +1,15 @@
 """Klang's problem: a pin is pressed into one side of a bore.
 
-Pin of R = 59.99 mm, bore of 60 mm, plate held at r = 1 m, plane stress, E = 2.1e11 Pa, ν = 0.3,
-μ = 0.4, a force of 18.75e5 N/m on the pin's axis. References are pressures by the angle from the
-lowest point, read from Klang's solution in a paper of P. Alart and A. Curnier by Code_Aster's
-validation case SSNV127 (V6.04.127). Its input (ssnv127d, f) has geometry and tolerances, and names
-nodes of a mesh of 3°, taken here as 0° to 51° in its order; its models slip from 27° to 33° on.
-Ours: half of it, one step as there (in eight, pressures rise by up to 2 % and slip begins at 39°),
-triangles of degree 1, facets of 0.75° (small: 3°) on the pin, 5/4 of that on the bore, both
-circles by name. The force is spread as a Gaussian of 3 mm, where there it acts at a point; 6 mm
-change pressures by 0.1 %.
+Pin of R = 59.99 mm, bore of 60 mm, plate fixed at r = 1 m, plane stress, E = 2.1e11 Pa, ν = 0.3, μ
+= 0.4, a force of 18.75e5 N/m on the axis of the pin. The references are pressures as a function of
+the angle from the lowest point. Code_Aster's validation case SSNV127 (V6.04.127) read them from
+Klang's solution in a paper of P. Alart and A. Curnier. The input of the test (ssnv127d, f) has the
+geometry and the tolerances. It names nodes of a mesh of 3°, which we take as 0° to 51° in the same
+order; its models slip from 27° to 33° on. Our model: half of the problem in one step as in
+Code_Aster (in eight steps, pressures increase by up to 2 % and slip begins at 39°), triangles of
+degree 1, facets of 0.75° (small: 3°) on the pin and 5/4 of this size on the bore, with both circles
+as named smooth surfaces. The force is spread as a Gaussian of 3 mm, whereas in Code_Aster it acts
+at a point; a Gaussian of 6 mm changes the pressures by 0.1 %.
 """
 
 import itertools
@@ -28,7 +29,7 @@ FAR = 0.1
 
 E, NU, MU, FORCE, SPREAD = 2.1e11, 0.3, 0.4, 9.375e5, 0.003
 PIN, BORE, OUTER, DROP = 0.05999, 0.06, 1.0, 1e-5
-#: From 0° on in steps of 3°: pressure (MPa), tolerance of SSNV127.
+#: Pressure (MPa) and tolerance of SSNV127, from 0° on in steps of 3°.
 PRESSURES = (
     (17.813, 0.0054),
     (17.813, 0.0582),
@@ -52,14 +53,14 @@ PRESSURES = (
 
 
 def add_arc(geo, centre, middle, r, size):
-    """Half a circle around (0, middle): its three points, from below, and the two arcs."""
+    """Add half a circle around (0, middle); return its three points, from below, and two arcs."""
     places = (0, middle - r), (r, middle), (0, middle + r)
     points = [geo.addPoint(x, y, 0, size) for x, y in places]
     return points, [geo.addCircleArc(a, centre, b) for a, b in itertools.pairwise(points)]
 
 
 def create_mesh(radii, middle, n, comm):
-    """The right half of a disc, or of a ring, with n facets on a quarter of its first circle."""
+    """Mesh the right half of a disc or a ring, with n facets on a quarter of the first circle."""
 
     def draw(gmsh):
         geo, h = gmsh.model.geo, np.pi / 2 * radii[0] / n
@@ -80,7 +81,7 @@ def create_mesh(radii, middle, n, comm):
 
 
 def body(radii, middle, n, comm):
-    """Residual, displacement, conditions, and the contact surface."""
+    """Return the residual, displacement, conditions and contact surface of a body."""
     msh = create_mesh(radii, middle, n, comm)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -104,7 +105,7 @@ def body(radii, middle, n, comm):
 
 
 def solve(n, comm):
-    """Contact with n facets on a quarter of the pin."""
+    """Solve with n facets on a quarter of the pin; return the contact."""
     F, u, bcs, (slave, master) = zip(
         body([PIN], -DROP, n, comm), body([BORE, OUTER], 0.0, 4 * n // 5, comm), strict=True
     )
@@ -117,7 +118,7 @@ def solve(n, comm):
 
 
 def run(small, comm):
-    """Pressures, and where slip begins."""
+    """Return rows of pressures and of the angle where slip begins."""
     contact = solve(30 if small else 120, comm)
     pin = contact.slave
     t, normal = pin.node_values(contact.traction("slave")), pin.node_normal[:, :2]

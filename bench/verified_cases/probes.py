@@ -1,10 +1,10 @@
-"""Values at points and along surfaces, the same on all ranks."""
+"""Evaluate functions at points and along surfaces, with the same result on all ranks."""
 
 import numpy as np
 
 
 def at_node(u, point):
-    """Value of a function of degree 1 or 2 at the node at a point, an array. Collective."""
+    """Return the value of a function of degree 1 or 2 at the node at a point. Collective."""
     V = u.function_space
     size, bs = V.dofmap.index_map.size_local, V.dofmap.index_map_bs
     x = V.tabulate_dof_coordinates()[:size, : len(point)]
@@ -14,7 +14,7 @@ def at_node(u, point):
 
 
 def along(surface, *values):
-    """Positions of all nodes of a surface, and values at them, sorted by x and then by y.
+    """Return positions of all nodes of a surface and values there, sorted by x and then by y.
 
     Args:
         surface: The surface.

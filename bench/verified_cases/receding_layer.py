@@ -1,12 +1,12 @@
-"""An elastic layer pressed on a half plane, which it leaves beside the load: receding contact.
+"""Receding contact: an elastic layer is pressed on a half plane and loses contact beside the load.
 
 L. M. Keer, J. Dundurs, K. C. Tsai (J. Appl. Mech. 39, 1972): a pressure q on |x| < h/2 loads a
-layer of thickness h; without friction and weight it touches the half plane on |x| < b, whatever the
-load. b depends on the ratio of the moduli E' = E/(1 − ν²). The reference is the integral equation
-of that problem, solved here by Chebyshev polynomials (`exact`; b to 3e-8, pressures to 2e-4); no
-table of the paper was at hand. Ours: half of it, quadrilaterals of degree 2 and 0.05 h (small run:
-0.1 h), the layer 8 h long, the half plane 40 h × 40 h; constraints at points, whose closed ones
-give b.
+layer of thickness h. Without friction and weight the layer touches the half plane on |x| < b, for
+any load. b depends on the ratio of the moduli E' = E/(1 − ν²). The reference is the integral
+equation of this problem, solved here with Chebyshev polynomials (`exact`; b to 3e-8, pressures to
+2e-4); a table of the paper was not available. Our model: half of the problem, quadrilaterals of
+degree 2 and size 0.05 h (small run: 0.1 h), a layer of length 8 h, a half plane of 40 h × 40 h, and
+constraints at points; b is computed from the active points.
 """
 
 import numpy as np
@@ -30,14 +30,15 @@ STRIP, LOAD = 0.5, 0.01
 
 
 def exact(stiffness, terms=10):
-    """Half width of the contact and pressure in its middle over q, h = 1.
+    """Return the half width of the contact and the pressure in its middle over q, for h = 1.
 
-    A pressure p on the lower face of the layer and q on the upper one bend the former as cos kx by
-    (M p − N q)/k; p sinks into the half plane by p/k, both over 2/E'. Slopes are equal for |x| < b.
+    Pressures p cos kx on the lower face of the layer and q cos kx on the upper face displace the
+    lower face by cos kx (M p − N q)/k, and the half plane by cos kx p/k, both over 2/E'. Slopes
+    are equal for |x| < b.
 
     Args:
-        stiffness: Modulus of the half plane over that of the layer.
-        terms: Of p = √(1 − s²) Σ c_j U_2j(s), s = x/b.
+        stiffness: Modulus of the half plane over the modulus of the layer.
+        terms: Number of terms of p = √(1 − s²) Σ c_j U_2j(s), s = x/b.
     """
     k, w = (0.5 * (a + shift) for a, shift in zip(np.polynomial.legendre.leggauss(500), (1, 0)))
     k, w = 60 * k, 60 * w
@@ -49,7 +50,7 @@ def exact(stiffness, terms=10):
     s = np.cos(np.pi * (2 * np.arange(terms) + 1) / (4 * terms + 2))
 
     def solve(b):
-        """Coefficients, and what is left of the slope at the point nearest to b."""
+        """Return the coefficients and the residual of the slope at the point nearest to b."""
         p = np.pi * b * (-1.0) ** j * (2 * j + 1) * jv(2 * j + 1, k * b) / (k * b)
         transform = np.sin(np.outer(s, k * b)) * w
         of_half_planes = np.pi * (1 + 1 / stiffness) * np.cos(np.arccos(s)[:, None] * (2 * j.T + 1))
@@ -68,7 +69,7 @@ def exact(stiffness, terms=10):
 
 
 def ticks(even, size, length, growth=0.15):
-    """Coordinates of vertices from 0 to a length: even steps out to `even`, then growing ones."""
+    """Return vertex coordinates from 0 to a length: even steps up to `even`, then growing ones."""
     steps = size * (1 + growth) ** np.arange(1, 200)
     grown = np.cumsum(steps)
     grown = grown[: np.searchsorted(grown, length - even) + 1] / (length - even)
@@ -96,7 +97,7 @@ class Body:
 
 
 def solve(comm, stiffness, size, load):
-    """Half width of the contact and pressure in its middle over q."""
+    """Return the half width of the contact and the pressure in its middle over q."""
     up = np.linspace(0, 1, round(0.5 / size) + 1)
     layer = Body(comm, E, ticks(2.5, size, 8.0), up)
     across, deep = (ticks(even, 1.3 * size, 40.0) for even in (2.5, 1.0))

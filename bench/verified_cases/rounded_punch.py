@@ -1,14 +1,15 @@
 """A steel punch with a rounded edge is pressed on an aluminium foundation.
 
 Benchmark 2 of A. Konter, *Advanced Finite Element Contact Benchmarks*, NAFEMS R0094 (2006): punch
-Ø100 × 100 mm, edge rounded by 10 mm, foundation Ø200 × 200 mm, held at its bottom, 100 MPa;
-axisymmetric, E = 210 and 70 GPa, ν = 0.3. Those are what SimScale, solids4foam and Code_Aster
-(test SSNA122) give; the report was not at hand. M is the middle of the foundation's upper face.
-References are Code_Aster's, with large displacements and quadratic elements (`ssna122b`), their
-scatter is the difference to linear ones (−0.13073 and −0.12858, `ssna122a`). That test calls them
-external, from Abaqus and Marc, but they are also what it computes itself.
+Ø100 × 100 mm, edge rounded by 10 mm, foundation Ø200 × 200 mm, fixed at its bottom, 100 MPa;
+axisymmetric, E = 210 and 70 GPa, ν = 0.3. These data are from SimScale, solids4foam and Code_Aster
+(test SSNA122); the report was not available. M is the middle of the upper face of the foundation.
+The references are values of Code_Aster, with large displacements and quadratic elements
+(`ssna122b`); their scatter is the difference from linear elements (−0.13073 and −0.12858,
+`ssna122a`). The test calls these values external, from Abaqus and Marc, but Code_Aster itself
+computes the same values.
 
-Ours: triangles of degree 2, fine where the fillet begins, St. Venant's and Kirchhoff's material,
+Our model: triangles of degree 2, fine where the fillet begins, St. Venant-Kirchhoff material,
 augmented Lagrangian, finite sliding, the pressure in 5 steps.
 """
 
@@ -32,7 +33,7 @@ FINE = {"reach": 2.0, "slope": 0.15}
 
 
 def create_punch(comm, size):
-    """Its contact surface is the flat and the fillet."""
+    """Create the punch; its contact surface is the flat and the fillet."""
 
     def draw(occ):
         flat = R - FILLET
@@ -56,7 +57,7 @@ def create_punch(comm, size):
 
 
 def create_foundation(comm, size):
-    """Its contact surface is all of its upper face."""
+    """Create the foundation; its contact surface is the whole upper face."""
 
     def draw(occ):
         occ.addRectangle(0, -SIZE[1], 0, *SIZE)
@@ -70,7 +71,7 @@ def create_foundation(comm, size):
 
 
 def press(comm, size, mu):
-    """Press the punch; returns the displacement of M along z."""
+    """Press the punch; return the displacement of M along z."""
     punch, factor = create_punch(comm, size)
     foundation = create_foundation(comm, 1.3 * size)
     contact = qs.Contact(

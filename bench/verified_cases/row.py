@@ -1,4 +1,4 @@
-"""A line of the table of docs/verified.md: a quantity, what others give for it, and ours."""
+"""Define a row of the tables of docs/verified.md: a quantity, its reference and our value."""
 
 import dataclasses
 
@@ -8,13 +8,13 @@ class Row:
     """One quantity of a case.
 
     Attributes:
-        quantity: What it is, with its unit.
-        reference: Value given by others.
+        quantity: Name of the quantity, with its unit.
+        reference: Value given by the source.
         ours: Value computed here.
-        scatter: How far apart the reference's own sources are, or its tolerance, relative; 0 of
-            closed forms.
-        source: Where the reference is from: "closed form", a test's number, a paper.
-        of: What differences are relative to, by default the reference.
+        scatter: Relative scatter of the sources of the reference, or its tolerance; 0 for closed
+            forms.
+        source: Source of the reference: "closed form", the number of a test, a paper.
+        of: Value that differences are relative to, by default the reference.
     """
 
     quantity: str
@@ -26,5 +26,5 @@ class Row:
 
     @property
     def difference(self) -> float:
-        """Ours less the reference, relative."""
+        """Relative difference of our value from the reference."""
         return (self.ours - self.reference) / abs(self.of or self.reference)

@@ -1,11 +1,11 @@
 """A rigid cone on an elastic half space, frictionless (I. N. Sneddon, Int. J. Eng. Sci. 3, 1965).
 
 At the depth d a cone whose sides rise by m per length has the force F = 2 E* d²/(π m), the contact
-radius a = 2 d/(π m) and the pressure ½ E* m arcosh(a/r), without a bound at its tip. E = 1000, ν =
-0.3, m = 0.001 (small strains), a = 1; the half space is cut off at 20 a, where it moves as under a
-point force: twice that changes the force by 8e-5. Ours: axisymmetric triangles of degree 2, small
-at the tip; the cone is a facet of a rigid tool, constraints at points, whose closed ones give the
-radius.
+radius a = 2 d/(π m) and the pressure ½ E* m arcosh(a/r), which is unbounded at its tip. E = 1000, ν
+= 0.3, m = 0.001 (small strains), a = 1. The half space is cut off at 20 a, where it is displaced as
+by a point force; with twice this radius the force changes by 8e-5. Our model: axisymmetric
+triangles of degree 2, small at the tip. The cone is a facet of a rigid tool; constraints are at
+points, and the radius is computed from the active points.
 """
 
 import numpy as np

@@ -1,10 +1,11 @@
-"""Two cubes pressed on each other, beside asimov-contact (`dolfinx_contact`): unbiased Nitsche.
+"""Two cubes pressed on each other, compared with asimov-contact (`dolfinx_contact`).
 
-n³ hexahedra of degree 1 that do not match, E = 3e4 and 1.3e4, ν = 0.3, the bottom clamped, the top
-clamped and moved down by 0.02, frictionless (`bench/peers/cubes.py`): the displacement is given,
-and the force is compared. The reference is that of asimov-contact 0.9.0 on the same meshes, with
-incomplete Cholesky, recorded in `bench/results/peers.json`; its linear solvers are the scatter.
-Ours: overlay, augmented Lagrangian.
+asimov-contact uses unbiased Nitsche contact. n³ non-matching hexahedra of degree 1, E = 3e4 and
+1.3e4, ν = 0.3, the bottom clamped, the top clamped and moved down by 0.02, frictionless
+(`bench/peers/cubes.py`): the displacement is prescribed, and the force is compared. The reference
+is the force of asimov-contact 0.9.0 on the same meshes, with incomplete Cholesky, recorded in
+`bench/results/peers.json`; the scatter is the spread over its linear solvers. Our model: overlay,
+augmented Lagrangian.
 """
 
 import json
@@ -31,7 +32,7 @@ FAR = 1e-4
 
 
 def recorded(sizes):
-    """Force of asimov-contact, and how far its linear solvers are apart."""
+    """Return the force of asimov-contact and the relative spread over its linear solvers."""
     rows = json.loads((BENCH / "results" / "peers.json").read_text())["rows"]
     forces = {
         row["run"]: row["force"]
@@ -43,7 +44,7 @@ def recorded(sizes):
 
 
 def body(comm, i, n):
-    """Form, unknowns, condition and contact surface of the lower (0) or the upper cube (1)."""
+    """Return form, unknowns, condition and surface of the lower cube (0) or the upper cube (1)."""
     corners = [[0.0, 0.0, i], [1.0, 1.0, i + 1]]
     msh = mesh.create_box(comm, corners, [n] * 3, cell_type=mesh.CellType.hexahedron)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))

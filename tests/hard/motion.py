@@ -14,7 +14,7 @@ import qsdolfinx as qs
 
 FACETS = 50
 #: Why the force is not the same after each of them.
-BESIDE = "Small; probably the choice between the facets beside a vertex that a node comes to."
+BESIDE = "Small; probably due to the choice of the facet when a node slides over a vertex."
 
 
 def slide(variant, facets=FACETS):

@@ -54,14 +54,14 @@ def write(results, others):
         others: Of the same with iterative solvers.
     """
     yield f"""
-Written by `python3 tests/hard/table.py --markdown docs/hard-cases.md`. A line stands for
+Written by `python3 tests/hard/table.py --markdown docs/hard-cases.md`. Each line summarises
 {len(VARIANTS)} variants, formulation × quadrature × enforcement:
-how many give the right answer, the largest error (and what it may be) over these, and
-their most Newton iterations, over all solves of a case, with the solver that `"auto"` takes; and
-how many are as they should be where multigrid (flow: a Schur complement) is forced, whatever the
-size, a direct solver taking over where it fails (errors may then be 1e-6, or ten times what is
-allowed, since linear solves end by a tolerance). Variants that are refused, with the unknowns as
-they were before, or wrong, are listed below the table.
+how many give the right answer, their largest error (and the allowed error), and
+their largest number of Newton iterations over all solves of a case, with the solver that
+`"auto"` chooses. The last column is the number of variants with the expected result if multigrid
+(flow: a Schur complement) is used for any size, with a direct solver as fallback (errors may then
+be 1e-6, or ten times the allowed error, since linear solves end at a tolerance). Variants that are
+wrong, or that are refused with unchanged unknowns, are listed below the table.
 
 | case | | right | error | allowed | Newton | right with multigrid |
 |---|---|---|---|---|---|---|"""
@@ -86,9 +86,9 @@ they were before, or wrong, are listed below the table.
         with_multigrid = sum(r.expected for r in iterative_groups[name, label])
         yield f"| {shown} | {label} | {count} | {error} | {allowed} | {most} | {with_multigrid} |"
         last = name
-    yield "\n### Not as they should be\n"
+    yield "\n### Unexpected results\n"
     yield from listed(results, list(groups))
-    yield "\n### Not as they should be with multigrid alone\n"
+    yield "\n### Unexpected results only with multigrid\n"
     pairs = zip(results, others, strict=True)
     yield from listed([other for r, other in pairs if r.expected], list(groups)) or ["None."]
 
