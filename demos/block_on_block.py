@@ -1,26 +1,26 @@
-"""A block is pressed on a larger, coarser one and dragged: it sticks, slips in part, and slips.
+"""Press a block on a larger, coarser block and drag it: stick, partial slip, full slip.
 
 The upper block, 1 × 1 × 0.5 in cells of 1/6, carries a dead load on its top, N in total. The lower
-one, 2 × 1.7 × 0.5 in cells of about 1/3, is held at its bottom. The first step applies N; the next
-ones drag the top along x until all nodes in contact slip. Then the total friction is μ N, but not
-all of it is along x: when it was pressed, the upper block spread to all sides, and friction held
-it. So it is dragged further, by larger steps, until T, the force along x, changes by less than
-1e-7 μ N in a step. Points and normals stay as they are paired at first (small sliding).
+block, 2 × 1.7 × 0.5 in cells of about 1/3, is held at its bottom. The first step applies N; later
+steps drag the top along x until all nodes in contact slip. Then the total friction is μ N, but part
+of it is not along x: under N the upper block expanded to all sides against friction. It is
+therefore dragged further, by larger steps, until T, the force along x, changes by less than
+1e-7 μ N in a step. Contact pairs and normals do not change (small sliding).
 
     python3 demos/block_on_block.py
     mpirun -n 2 python3 demos/block_on_block.py --mu 0.5 --json block.json
     python3 demos/block_on_block.py --n 2 --plot block.png
 
-The demo ends with status 1 if friction takes energy at a node that does not slip, or gives any
-back. Keys of the JSON object:
+The demo ends with status 1 if friction dissipates energy at a node that sticks, or if it returns
+energy. Keys of the JSON object:
 
 - friction_force_error: |T − μ N| / (μ N) at the end;
 - partial_slip_seen: 1 if in some step a part of the nodes in contact slips, 0 otherwise;
-- energy_error: energy that friction took in the last step over the work of T in it, less 1;
-- min_dissipation: least energy that friction took at a node in a step, over that work;
-- stick_dissipation: largest energy that it took in a step at the nodes that stick, over that work;
-- force_balance_error: largest, of all steps, of |F_slave + F_master| / N and |F_z − N| / N;
-- snes_iterations: of all steps.
+- energy_error: friction's dissipation in the last step over the work of T in this step, less 1;
+- min_dissipation: smallest dissipation of friction at a node in a step, over that work;
+- stick_dissipation: largest dissipation of friction in a step at nodes that stick, over that work;
+- force_balance_error: maximum of |F_slave + F_master| / N and |F_z − N| / N over all steps;
+- snes_iterations: number of Newton iterations of all steps.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ from common.measures import stick_and_slip
 from elastic_bodies import create_box
 
 LOAD, E, NU = 2.0, 100.0, 0.3
-#: Most steps to full slip, and after it; how much larger these are.
+#: Largest number of steps to full slip, and after it; size of the latter over that of the former.
 MAX_STEPS, MAX_SLIDES, SLIDE = 40, 10, 25
 
 
@@ -53,12 +53,12 @@ class Parameters:
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
     enforcement: str | None = option(None)
-    n: int = option(1, "factor of the numbers of cells along an edge")
-    push: float = option(2e-3, "displacement of the top in a step")
+    n: int = option(1, "factor for the numbers of cells along the edges")
+    push: float = option(2e-3, "displacement of the top per step")
 
 
 def build(comm, p):
-    """The upper block, contact and problem."""
+    """Build the upper block, the contact and the problem."""
     upper = create_box(comm, (6 * p.n, 6 * p.n, 3 * p.n), [0.5, 0.35, 0.0], [1.5, 1.35, 0.5], E, NU)
     lower = create_box(comm, (6 * p.n, 5 * p.n, 2 * p.n), [0.0, 0.0, -0.5], [2.0, 1.7, 0.0], E, NU)
     upper.press(LOAD)
@@ -80,7 +80,7 @@ def build(comm, p):
 
 
 def state(p, upper, contact):
-    """A row of the table. Collective."""
+    """Compute a row of the table. Collective."""
     force = contact.force("slave")
     unbalanced = force + contact.force("master"), [force[2] - LOAD]
     return stick_and_slip(contact) | {
@@ -93,7 +93,7 @@ def state(p, upper, contact):
 
 
 def sizes(p, rows):
-    """Displacements of the top in the steps to come; the rows are those of the steps made."""
+    """Generate the displacement increment of the top for each step; rows: results so far."""
     yield 0.0  # pressing
     for _ in range(MAX_STEPS):
         if rows[-1]["stick"] == 0:
@@ -106,7 +106,7 @@ def sizes(p, rows):
 
 
 def run(p, comm=MPI.COMM_WORLD, look=None):
-    """Press and drag; returns what --json writes, and the states after the steps.
+    """Press and drag; return the results for --json, and the states after the steps.
 
     look is called with contact and state after each step.
     """

@@ -1,25 +1,25 @@
 """Partial slip of two elastic cylinders against the closed form of Cattaneo (1938), Mindlin (1949).
 
 Two half cylinders, R = 8, E = 200, ν = 0.3, plane strain, μ = 0.2, are pressed together by
-P = p·2R, p = 0.625, and then loaded along x by Q = q·2R, q = 0.05851. Half width of the contact
-b = 0.680778, peak pressure p0 = 9.35135; within c = b √(1 − Q/(μP)) = 0.496511 it sticks, and
+P = p·2R, p = 0.625, and then loaded along x by Q = q·2R, q = 0.05851. The half width of the contact
+is b = 0.680778, the peak pressure p0 = 9.35135, the half width of the stick zone
+c = b √(1 − Q/(μP)) = 0.496511, and the tangential traction is
 
     t(x) = μ p0/b [√(b² − x²) − √(c² − x²) where |x| < c],   t(0) = 0.506229, t(c) = 1.279571.
 
-Triangles are graded to h at the contact on the slave, the upper body, and to ratio × h on the
-master; --swap makes the lower body the slave.
+Triangles have the size h at the contact on the slave (the upper body), and ratio × h on the master;
+--swap makes the lower body the slave.
 
     python3 demos/cattaneo_mindlin.py --h 0.02
     python3 demos/cattaneo_mindlin.py --formulation master-slave --quadrature nodal --json r.json
     python3 demos/cattaneo_mindlin.py --plot cattaneo_mindlin.png
 
-Tractions are recovered from the contact forces, t_k = f_k / S_k, the normal one from those of the
-gaps, the tangential one from those of friction, positive where it resists Q: along −x on the
-upper body, along +x on the lower one. Errors are relative:
+Tractions t_k = f_k / S_k are recovered from normal and friction forces. The tangential traction is
+positive where it resists Q: along −x on the upper body, +x on the lower one. Errors are relative:
 
-- peak_error: largest nodal normal traction against p0, of the side that is further off;
+- peak_error: largest nodal normal traction against p0, on the side with the larger error;
 - l2_error_normal, l2_error_tangential: (Σ S_k (t_k − t(x_k))² / Σ S_k t(x_k)²)^½ over the nodes
-  with |x_k| ≤ 1.6 b, of the worse side; the terminal has both sides;
+  with |x_k| ≤ 1.6 b, larger value of both sides; the terminal shows both;
 - stick_radius_error: half the length Σ S_k of the slave nodes that stick, against c.
 """
 
@@ -49,22 +49,22 @@ KEYS = ("peak_error", "l2_error_normal", "l2_error_tangential", "stick_radius_er
 class Parameters:
     """One problem; lengths as R."""
 
-    h: float = option(0.02, "size of the slave's cells at the contact")
-    ratio: float = option(1.3, "size of the master's cells in h")
+    h: float = option(0.02, "size of the slave's cells in the contact zone")
+    ratio: float = option(1.3, "size of the master's cells over h")
     swap: bool = option(False, "make the lower body the slave")
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
-    enforcement: str = option("penalty", "as accurate here, and faster")
+    enforcement: str = option("penalty", "the default is as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     friction_penalty: float | None = option(None, "ε in tangential direction, stress per length")
     constraints: str | None = option(None)
     normals: str = option("bisector")
     steps: int = option(1, "steps of the tangential load")
-    tilting: bool = option(False, "q alone, which tips the bodies")
+    tilting: bool = option(False, "q without the linear pressure: the bodies tip")
 
 
 def build(comm, p):
-    """Closed form, bodies, contact and problem, and the factor of Q on each body."""
+    """Build closed form, bodies, contact and problem, and the load factor of Q on each body."""
     exact = CattaneoMindlin(MU, SHEAR)
     sizes = (p.ratio * p.h, p.h) if p.swap else (p.h, p.ratio * p.h)
     upper, lower = create_half_discs(comm, sizes, exact.a)
@@ -91,7 +91,7 @@ def build(comm, p):
 
 
 def load(scene, steps):
-    """Press, then shear; yields the iterations of each step."""
+    """Press, then shear; yield the number of iterations of each step."""
     for step in range(steps + 1):
         for factor in scene.factors:
             factor.value = step / steps
@@ -100,7 +100,7 @@ def load(scene, steps):
 
 
 def tractions(scene, side):
-    """Normal and tangential traction at the nodes of one side."""
+    """Compute the normal and the tangential traction at the nodes of one side."""
     body = scene.bodies[side]
     normal, tangential = (
         body.surface.node_values(scene.contact.traction(side, part=part))
@@ -110,7 +110,7 @@ def tractions(scene, side):
 
 
 def errors(scene, side):
-    """Relative errors of one side: of the peak, of the normal and of the tangential traction."""
+    """Compute relative errors of one side: peak, normal and tangential traction."""
     exact, surface = scene.exact, scene.bodies[side].surface
     x, (normal, tangential) = surface.node_x[:, 0], tractions(scene, side)
     peak = surface.comm.allreduce(np.max(normal, initial=0.0), op=MPI.MAX)
@@ -120,7 +120,7 @@ def errors(scene, side):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve; returns what --json writes, what the terminal shows besides, and the scene."""
+    """Solve; return the results for --json, further results for the terminal, and the scene."""
     scene = build(comm, p)
     clock = Clock(comm)
     iterations = list(load(scene, p.steps))

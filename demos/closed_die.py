@@ -1,12 +1,13 @@
-"""A hot billet forged in 3D between two closed dies that are read from STL files, with flash.
+"""Forge a hot billet in 3D between two closed dies that are read from STL files, with flash.
 
-A quarter of a wheel with hub, web and rim: `closed_die_tools.py` draws both dies with gmsh, with
-draft, roundings, a flash land and a gutter. The billet (Norton-Hoff, MINI element) stands on the
-web of the lower die; the upper one comes down at 100 mm/s until the dies are closed. All of the
-billet's skin may touch both dies, with friction. Its consistency falls with the temperature, which
-plastic work and friction raise and the colder dies lower where they touch. It gets a new mesh every
-few steps, and when a cell is too flat. At the end the lower die, as an elastic solid with a face
-finer than the billet, is loaded by the tractions that were recovered on the billet.
+The model is a quarter of a wheel with hub, web and rim. `closed_die_tools.py` draws both dies with
+gmsh, with draft, roundings, a flash land and a gutter. The billet (Norton-Hoff, MINI element)
+stands on the web of the lower die; the upper die moves down at 100 mm/s until the dies are closed.
+The whole outer surface of the billet may touch both dies, with friction. The consistency falls with
+the temperature. Plastic work and friction raise the temperature, and contact with the colder dies
+lowers it. The billet is remeshed every few steps, and when a cell is too flat. At the end the lower
+die, as an elastic solid with a face finer than the billet, is loaded by the tractions that were
+recovered on the billet.
 
     mpirun -n 2 python3 demos/closed_die.py --plot closed_die.png --json closed_die.json
     python3 demos/closed_die.py --quick --animate closed_die.gif
@@ -15,16 +16,16 @@ finer than the billet, is loaded by the tractions that were recovered on the bil
 
 Keys of the JSON object:
 
-- steps, remeshings;
-- volume_change: of the billet, relative, over the run;
-- max_penetration: deepest point of billet or die in the other one, of all steps (mm);
-- facet_size: mean edge of the billet's facets that it is to be compared with (mm);
+- steps, remeshings: their numbers;
+- volume_change: relative change of the billet's volume over the run;
+- max_penetration: largest penetration of billet and die in all steps (mm);
+- facet_size: mean edge of the billet's facets, for comparison with max_penetration (mm);
 - filled: share of the cavity within the land that is filled at the end;
 - force_max: largest force of the press, for the whole wheel (N);
-- energy_error: work of the press, less dissipation, friction and what the contacts' penalty holds,
-  over the work; or what is missing of the billet's heat, over that of the work, if that is more;
+- energy_error: work of the press, less dissipation, friction and the energy of the contact penalty,
+  over the work; or the error of the billet's heat, over the heat of the work, if that is larger;
 - die_traction_peak: largest traction on the elastic die (MPa);
-- total_seconds.
+- total_seconds: run time (s).
 """
 
 import dataclasses
@@ -45,7 +46,7 @@ from closed_die_stress import ElasticDie
 from common.command import Command, film_file, option, output_file, report, say
 from common.measures import Clock
 
-#: What --quick has in the place of the defaults.
+#: Parameters that --quick uses in place of the defaults.
 QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 7, "stroke": 20.0}
 
 
@@ -53,19 +54,19 @@ QUICK = {"size": 3.6, "tool_size": 2.5, "advance": 1.2, "every": 7, "stroke": 20
 class Parameters:
     """One forging; lengths in mm."""
 
-    size: float = option(2.6, "of the billet's cells")
-    tool_size: float = option(1.5, "of the dies' facets, at most")
-    advance: float = option(1.0, "way of the press in a step")
-    flash: float = option(0.05, "volume of the billet beyond the cavity's, relative")
-    penalty: float = option(4e4, "of contact with the dies, MPa/mm")
+    size: float = option(2.6, "size of the billet's cells")
+    tool_size: float = option(1.5, "largest size of the dies' facets")
+    advance: float = option(1.0, "displacement of the press per step")
+    flash: float = option(0.05, "excess volume of the billet over the cavity, relative")
+    penalty: float = option(4e4, "penalty of contact with the dies, MPa/mm")
     friction: str = option("norton", choices=("norton", "coulomb-tresca", "none"))
     solver: str = option("auto", "linear solver")
-    min_quality: float = option(0.04, "shape of the worst cell at which a mesh is given up")
-    remesh_quality: float = option(0.08, "shape of the worst cell at which it gets a new mesh")
-    thinning: float = option(0.04, "part of its thickness that the flash may lose in a step")
-    every: int = option(3, "steps from a new mesh to the next, at most")
-    stroke: float | None = option(None, "of the press; by default until the dies are closed")
-    quick: bool = option(False, "coarse, and not to the end: at most two minutes")
+    min_quality: float = option(0.04, "quality of the worst cell below which a step fails")
+    remesh_quality: float = option(0.08, "quality of the worst cell below which to remesh")
+    thinning: float = option(0.04, "largest decrease of the flash thickness per step, relative")
+    every: int = option(3, "largest number of steps between remeshings")
+    stroke: float | None = option(None, "stroke of the press; by default until the dies are closed")
+    quick: bool = option(False, "coarse, with a shorter stroke: at most two minutes")
     verbose: bool = False
 
     def __post_init__(self):
@@ -75,7 +76,7 @@ class Parameters:
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Forge; returns what --json writes, the scene, the elastic die, and force over way."""
+    """Forge; return the results for --json, the scene, the elastic die, and the force curve."""
     clock, on_step = Clock(comm), on_step or (lambda scene, record: None)
     forging = Forging(p, comm)
     stepper, whole = forging.stepper, forging.whole
@@ -99,8 +100,8 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
 def main():
     command = Command(__doc__, Parameters, plot="sections, force over stroke, stress in the die")
     command.add_file("--animate", film_file, "all steps as a GIF")
-    command.add_file("--curve", output_file, "write the force of the press over its way as CSV")
-    command.add_file("--against", str, "compare it with that of a run with other cells")
+    command.add_file("--curve", output_file, "write force over displacement of the press as CSV")
+    command.add_file("--against", str, "compare this curve with the one of another run")
     p, a = command.parse()
     try:
         other = read_curve(a.against) if a.against else None

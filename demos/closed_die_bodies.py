@@ -1,4 +1,4 @@
-"""The scene of the closed-die demo on a given mesh of the billet, so that a new one can follow."""
+"""Build the closed-die demo on a given mesh of the billet, also after remeshing."""
 
 import dataclasses
 import pathlib
@@ -17,22 +17,22 @@ from common.bodies import facets_at, fix, integral
 from forming_bodies import NortonHoff
 
 K, M = 50.0, 0.15  # MPa sᵐ at START, -
-SOFTENING, START, DIE = 2.7e-3, 1100.0, 200.0  # 1/K, °C of the billet at first, and of the dies
+SOFTENING, START, DIE = 2.7e-3, 1100.0, 200.0  # 1/K, initial °C of the billet, °C of the dies
 CONDUCTIVITY, CAPACITY = 30.0, 5.0  # mW/(mm K), mJ/(mm³ K)
-TOUCHING, HALF = 20.0, 20.0  # mW/(mm² K), MPa: conductance pressed hard, and where it is half of it
-TO_HEAT = 0.9  # share of plastic work
-TO_BILLET = 0.5  # share of the heat of friction
-SPEED = 100.0  # of the press, mm/s
-MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, factor of the shear stress, Norton's
-RATE = 5.0  # 1/s, a strain rate at which friction's limit is that of the flow stress
-RADIUS = 17.0  # of the billet
+TOUCHING, HALF = 20.0, 20.0  # mW/(mm² K), MPa: largest conductance; pressure for half
+TO_HEAT = 0.9  # part of the plastic work that becomes heat
+TO_BILLET = 0.5  # part of the heat of friction that goes into the billet
+SPEED = 100.0  # speed of the press, mm/s
+MU, M_BAR, ALPHA = 0.2, 0.4, 0.3  # Coulomb's coefficient, friction factor, Norton's factor
+RATE = 5.0  # 1/s, strain rate of the flow stress that limits friction
+RADIUS = 17.0  # radius of the billet, mm
 
 
 def read_dies(comm, size):
-    """Lower and upper die from STL files with facets of a size; the upper one raised.
+    """Make the lower and the upper die from STL files with facets of a size, the upper one raised.
 
     Returns:
-        The dies, lower and upper.
+        The lower and the upper die.
     """
     dies = []
     with tempfile.TemporaryDirectory() as folder:
@@ -46,18 +46,18 @@ def read_dies(comm, size):
 
 
 def stroke_of(flash):
-    """Way of the press from the top of the billet, which stands on the web, to closed dies."""
+    """Compute the stroke from contact with the billet, which stands on the web, to closed dies."""
     webs = DIES["lower"][2][1] + DIES["upper"][2][1]
     return billet_size(RADIUS, flash) - webs - FLASH
 
 
 def raise_die(die, way):
-    """Put a die above where it is when the dies are closed."""
+    """Raise a die above its position with closed dies."""
     die.position = np.column_stack([np.eye(3), [0.0, 0.0, way]])
 
 
 def friction_law(name, msh):
-    """Friction against a die; None for none."""
+    """Return the friction law of contact with a die; None for no friction."""
     flow_stress = fem.Constant(msh, K * np.sqrt(3) ** (M + 1) * RATE**M)
     return {
         "none": lambda: None,
@@ -67,20 +67,20 @@ def friction_law(name, msh):
 
 
 def measure_of(msh):
-    """The rule of the residual; UFL would estimate far more points for a power."""
+    """Return the measure of the residual; UFL would estimate far more points for a power."""
     return ufl.Measure("dx", msh, metadata={"quadrature_degree": 6})
 
 
 @dataclasses.dataclass
 class Scene:
-    """A billet on one mesh between the dies: all that a new mesh replaces.
+    """A billet on one mesh between the dies: everything that remeshing replaces.
 
     Attributes:
-        billet: Its form, unknowns and conditions.
-        strain: Equivalent strain, a number a cell.
-        contacts: Of the whole skin with the lower and the upper die.
-        problem: The problem.
-        heat: The temperature (°C), which is solved for after the velocity.
+        billet: Form, unknowns and conditions of the billet.
+        strain: Equivalent strain, one value per cell.
+        contacts: Contacts of the whole outer surface with the lower and the upper die.
+        problem: The mechanical problem.
+        heat: The heat problem; its temperature (°C) is solved for after the velocity.
     """
 
     billet: NortonHoff
@@ -104,7 +104,7 @@ class Scene:
         return self.billet.mesh
 
     def measure(self):
-        """Rates and heat, while the mesh is where the velocity was solved for. Collective."""
+        """Measure rates and heat on the mesh on which the velocity was solved. Collective."""
         self._now.interpolate(self._rate)
         self.power = self.mesh.comm.allreduce(fem.assemble_scalar(self._power))
         now, before = self.heat.problem.u[0], self.heat.before[0]
@@ -121,28 +121,28 @@ class Scene:
         return self.heat.before[0]
 
     def into_dies(self):
-        """Heat per time (mW) that goes into the dies, that of friction left out. Collective."""
+        """Compute the heat flow (mW) into the dies, without the heat of friction. Collective."""
         friction = sum(contact.step_dissipation() / contact.dt for contact in self.contacts)
         out = -sum(contact.flow("slave") for contact in self.heat.problem.contacts)
         return out + TO_BILLET * friction
 
     def num_unknowns(self):
-        """Of velocity and pressure, on all ranks."""
+        """Number of unknowns of velocity and pressure on all ranks."""
         dofmap = self.billet.W.dofmap
         return dofmap.index_map.size_global * dofmap.index_map_bs
 
     def push(self):
-        """Force of the press on the quarter (N). Collective."""
+        """Compute the force of the press on the quarter (N). Collective."""
         return -self.contacts[1].force("slave")[2]
 
     def penetration(self):
-        """Depth of the deepest point of either surface in the other one. Collective."""
+        """Compute the largest penetration of the two surfaces. Collective."""
         return max(contact.penetration() for contact in self.contacts)
 
     def filled(self, way):
-        """Share of the cavity that is filled, when the upper die is a way from its end. Collective.
+        """Compute the filled share of the cavity for a distance to closed dies. Collective.
 
-        The cavity is all between the dies within the land.
+        The cavity is the space between the dies within the land.
         """
         x = ufl.SpatialCoordinate(self.mesh)
         inside = ufl.conditional(ufl.lt(x[0] ** 2 + x[1] ** 2, LAND**2), 1.0, 0.0)
@@ -152,14 +152,14 @@ class Scene:
 
 
 def build(msh, dies, dt, penalty, friction="coulomb-tresca", solver="auto"):
-    """The billet on a mesh, its contacts with both dies, and the problem.
+    """Build the billet on a mesh, its contacts with both dies, and the problem.
 
     Args:
         msh: Mesh of a quarter of the billet.
         dies: Lower and upper die.
         dt: First step.
-        penalty: Of contact (MPa/mm). Given, as the automatic one is that of the viscosity where the
-            first solve begins.
+        penalty: Contact penalty (MPa/mm). It is given because the automatic penalty would be
+            computed from the viscosity at the start of the first solve.
         friction: "coulomb-tresca", "norton" or "none".
         solver: Linear solver.
     """
@@ -191,12 +191,12 @@ def build(msh, dies, dt, penalty, friction="coulomb-tresca", solver="auto"):
 
 
 def build_heat(billet, before, contacts, dt):
-    """Heat of plastic work and friction, which flows into the dies where they touch.
+    """Build the heat problem: plastic work, friction, and heat flow into the dies in contact.
 
     Args:
         billet: The billet.
-        before: Its temperature at the start of a step.
-        contacts: With both dies.
+        before: Temperature of the billet at the start of a step.
+        contacts: Contacts with both dies.
         dt: First step.
     """
     V, step = before.function_space, fem.Constant(billet.mesh, dt)

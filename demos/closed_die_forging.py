@@ -1,16 +1,16 @@
-"""One run of the closed-die demo: the billet as it is now, and how it gets new meshes."""
+"""One run of the closed-die demo: the present state of the billet, and its remeshing."""
 
 import qsdolfinx as qs
 
 from closed_die_bodies import RADIUS, SPEED, M, build, raise_die, read_dies, stroke_of
 from closed_die_tools import FLASH, billet_mesh, cell_size
 
-SMALLEST = 0.4  # size of the smallest cells, of that of the largest
-TURNED = 5.2  # mm: size of the largest cells over the turn of one on a rounding (radians)
+SMALLEST = 0.4  # size of the smallest cells over that of the largest
+TURNED = 5.2  # mm: size of the largest cells over the angle of a cell on a rounding (rad)
 
 
 class Forging:
-    """The run: what is there of the billet now, and the stepper that gives it new meshes.
+    """A run: the present state of the billet, and the stepper that remeshes it.
 
     Args:
         p: Parameters.
@@ -41,30 +41,30 @@ class Forging:
         self.stepper.on_solved = lambda: self.scene.measure()
 
     def build(self, meshes, tags):
-        """The scene on a mesh, the first one or a new one."""
+        """Build the scene on a mesh, the first one or a new one."""
         p = self.p
         self.scene = build(meshes[0], self.dies, self.dt, p.penalty, p.friction, p.solver)
         return self.scene.problem, self.scene.heat
 
     def size(self, msh):
-        """Of cells: smaller where the billet's surface is curved, and where the dies are near."""
+        """Return cell sizes: smaller where the billet's surface is curved or near both dies."""
         largest, smallest = self.p.size, SMALLEST * self.p.size
         way = self.dies[1].position[2, 3]
         curved = qs.size_from_curvature(msh, largest / TURNED, smallest, largest)
         return [curved, lambda x: cell_size(x, way, largest, smallest)]
 
     def drive(self, t, dt):
-        """The press comes down."""
+        """Move the press down."""
         self.dies[1].displacement = [0.0, 0.0, -SPEED * dt]
 
     def solve(self, step):
-        """From the last velocity; from m = 1 at first, and where that fails."""
+        """Solve from the last velocity; from m = 1 in the first step, and if that fails."""
         qs.solve_with_continuation(self.scene.problem, self.scene.billet.m, M)
 
     def limit_step(self, way):
-        """Let the next step close no more of the flash than a part of it.
+        """Limit the next step such that the flash loses at most a part of its thickness.
 
         Args:
-            way: Of the press, to closed dies.
+            way: Remaining stroke of the press to closed dies.
         """
         self.stepper.dt_max = min(self.p.advance, self.p.thinning * (way + FLASH)) / SPEED

@@ -1,4 +1,4 @@
-"""What the closed-die demo measures, and its pictures: sections, force over stroke, die stress."""
+"""Results and pictures of the closed-die demo: sections, force over stroke, die stress."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from common.drawing import (
 
 
 def mean_edge(surface):
-    """Mean edge of a surface's facets, of what they would be with equal sides. Collective."""
+    """Compute the edge of equilateral triangles with the facets' mean area. Collective."""
     msh, facets = surface.mesh, surface.facets
     own = facets[facets < msh.topology.index_map(2).size_local]
     area = 0.0
@@ -33,12 +33,12 @@ def mean_edge(surface):
 
 
 class Record:
-    """Force, energies, volume and depths of a run, over all of its meshes.
+    """Record of force, energies, volume and penetration of a run, over all meshes.
 
     Args:
         comm: Communicator.
-        whole: Way of the press until the dies are closed.
-        scene: The first.
+        whole: Stroke of the press until the dies are closed.
+        scene: The first scene.
         verbose: Whether to print the steps.
     """
 
@@ -51,11 +51,11 @@ class Record:
         self.stored = self.cooled = self.warmed = 0.0
         self.steps = 0
         self.last_volume, self.last_filled, self.depth = self.volume, 0.0, 0.0
-        #: Way (mm) and force of the whole wheel (N) after each step.
+        #: Displacement of the press (mm) and force of the whole wheel (N) after each step.
         self.curve = [(0.0, 0.0)]
 
     def add_step(self, scene, stepper):
-        """Add what a step has changed. Collective."""
+        """Add the results of a step. Collective."""
         dt = stepper.last_dt
         scene.advance(dt)
         self.way += SPEED * dt
@@ -86,16 +86,16 @@ class Record:
         self.history.add({"t": self.way / SPEED, "dt": dt} | row)
 
     def energy_error(self):
-        """What is not dissipated, nor friction, nor in the contacts' penalty, of the work."""
+        """Return the part of the work not in dissipation, friction or the contact penalty."""
         return 1 - (self.dissipated + self.friction + self.stored) / self.work
 
     def heat_error(self):
-        """What the billet should have warmed up by and has not, of the work's heat."""
+        """Return the error of the billet's heat balance over the heat of the work."""
         given = TO_HEAT * self.dissipated + TO_BILLET * self.friction
         return (given - self.cooled - self.warmed) / (TO_HEAT * self.work)
 
     def result(self, remeshings):
-        """What --json writes, but for the die and the time."""
+        """Return the results for --json, without those of the die and the time."""
         self.history.close()
         return {
             "steps": self.steps,
@@ -110,7 +110,7 @@ class Record:
 
 
 def checks(result):
-    """What is asked of a run, as lines: a value, its limit, and whether it is kept."""
+    """Return the checks of a run as lines: a value, its limit, and whether it is met."""
     limits = {
         "volume_change": (abs(result["volume_change"]), 5e-3),
         "max_penetration": (result["max_penetration"], 0.1 * result["facet_size"]),
@@ -122,15 +122,15 @@ def checks(result):
 
 
 def write_curve(filename, curve):
-    """Write way (mm) and force (N) after each step."""
+    """Write displacement (mm) and force (N) of the press after each step."""
     np.savetxt(filename, curve, delimiter=",", header="way_mm,force_N", comments="", fmt="%.9g")
 
 
 def read_curve(filename):
-    """What write_curve has written: way and force, (steps + 1, 2).
+    """Read a file of write_curve: displacement and force, shape (steps + 1, 2).
 
     Raises:
-        ValueError: If it is no such file.
+        ValueError: If the file has another format.
     """
     try:
         curve = np.loadtxt(filename, delimiter=",", skiprows=1, ndmin=2)
@@ -142,9 +142,9 @@ def read_curve(filename):
 
 
 def compared(curve, other):
-    """Differences of two curves on the way they share, as lines.
+    """Return the differences of two curves on their common stroke, as lines.
 
-    The mean one is the area between them over that below the other one, which is its work.
+    The mean difference is the area between the curves over the area (the work) below the other one.
     """
     curve, other = np.array(curve), np.array(other)
     end = min(curve[-1, 0], other[-1, 0])
@@ -164,7 +164,7 @@ def compared(curve, other):
 
 
 class Stages:
-    """Keeps what is drawn of each step, gathered on rank 0 for the pictures alone."""
+    """Data of each step for the pictures, gathered on rank 0."""
 
     def __init__(self, p):
         self.states, self.curve, self.whole = [], [], 0.0
@@ -181,12 +181,12 @@ class Stages:
             self.states.append((record.way, *state))
 
     def largest(self):
-        """Largest strain on a plane of symmetry, but for a few cells."""
+        """Return the largest strain on a symmetry plane, except for a few cells."""
         triangles, values = self.states[-1][1:]
         return max(np.percentile(values[np.abs(triangles[:, :, 1]).max(axis=1) < 1e-6], 99), 0.1)
 
     def draw_section(self, axis, i, scale):
-        """The billet between the dies in the plane y = 0, and its mirror image."""
+        """Draw the billet between the dies in the plane y = 0, and its mirror image."""
         from matplotlib.collections import PolyCollection
 
         way, triangles, values = self.states[i]
@@ -207,7 +207,7 @@ class Stages:
         axis.set_title(f"{abs(self.whole - way):.1f} mm to go", fontsize=9)
 
     def draw_curve(self, axis, i):
-        """Force of the press over its way, and where a state is on it."""
+        """Draw the force of the press over its displacement, and mark a state."""
         way, force = np.array(self.curve).T
         axis.plot(way[1:], force[1:] / 1e3, color="0.75")
         axis.plot(way[1 : i + 1], force[1 : i + 1] / 1e3, color="tab:blue")
@@ -218,7 +218,7 @@ class Stages:
         axis.grid()
 
     def draw_wheel(self, axis, scale):
-        """Three quarters of the wheel at the end, so that the section is seen."""
+        """Draw three quarters of the final wheel, so that the section is visible."""
         _, triangles, values = self.states[-1]
         parts, colours = [], []
         for quarter in range(3):
@@ -232,7 +232,7 @@ class Stages:
         draw_triangles(axis, np.concatenate(parts), np.concatenate(colours), linewidth=0.1)
 
     def plot(self, filename, die):
-        """Stages, force, the wheel, and stress in the lower die; collective."""
+        """Draw stages, force, the wheel, and stress in the lower die. Collective."""
         nodes, behind = boundary(die.mesh, die.mesh.geometry.x)
         stress = die.von_mises()
         solid = gather(die.mesh.comm, die.mesh.geometry.x[nodes], stress[behind])
@@ -263,7 +263,7 @@ class Stages:
         save(figure, filename)
 
     def animate(self, filename, frames_per_second=6):
-        """All states as a GIF; on rank 0."""
+        """Write all states as a GIF, on rank 0."""
         if not self.states:
             return
         from matplotlib.animation import PillowWriter
@@ -278,6 +278,6 @@ class Stages:
                 figure.colorbar(strain, cax=bar, label="equivalent strain (-)", extend="max")
                 self.draw_curve(figure.add_axes((0.67, 0.13, 0.31, 0.78)), i)
                 writer.grab_frame()
-            for _ in range(2 * frames_per_second):  # hold the last one
+            for _ in range(2 * frames_per_second):  # hold the last frame
                 writer.grab_frame()
         pyplot().close(figure)

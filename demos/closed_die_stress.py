@@ -1,9 +1,9 @@
 """Stress in a die of the closed-die demo: an elastic solid under the tractions of the billet.
 
-The solid's face is finer than the billet. The tractions that were recovered at the billet's nodes
-go over to the die's by the transposed operator of the jump between the two, integrated over the
-pieces that their facets cut from each other: the force arrives to rounding wherever the billet is
-above the die.
+The solid's face is finer than the billet. The tractions recovered at the nodes of the billet are
+transferred to the nodes of the die by the transposed operator of the relative displacement,
+integrated over the segments of their facets. The force is conserved to rounding wherever the billet
+is above the die.
 """
 
 from mpi4py import MPI
@@ -22,8 +22,8 @@ from closed_die_tools import die_mesh, height, skin
 from common.bodies import facets_at, fix
 from common.drawing import cell_values
 
-E, NU = 2.1e5, 0.3  # MPa, of tool steel
-THICKNESS = 25.0  # mm, from the land to the back
+E, NU = 2.1e5, 0.3  # tool steel, MPa
+THICKNESS = 25.0  # mm, distance from the land to the back
 
 
 class ElasticDie:
@@ -31,8 +31,8 @@ class ElasticDie:
 
     Args:
         comm: Communicator.
-        size: Of the cells on its face.
-        coarse: Of the cells at its back.
+        size: Size of the cells on its face.
+        coarse: Size of the cells at its back.
     """
 
     def __init__(self, comm, size, coarse=6.0):
@@ -45,7 +45,7 @@ class ElasticDie:
         self.bcs.append(fix(self.V, 2, back))
         outer = np.concatenate([back, facets_outside(msh)])
         self.surface = qs.Surface(self.V, facets=np.setdiff1d(skin(msh), outer).astype(np.int32))
-        #: Traction on the face, and the force that has arrived and that was sent.
+        #: Traction on the face, and the force after and before the transfer.
         self.traction, self.arrived, self.sent = None, np.zeros(3), np.zeros(3)
 
     def load(self, surface, traction, dt):
@@ -53,15 +53,15 @@ class ElasticDie:
 
         Args:
             surface: Surface of the billet.
-            traction: On it, a Function.
-            dt: Length of a step, as the billet's unknowns are velocities.
+            traction: Traction on this surface, a Function.
+            dt: Length of a step; needed because the billet is velocity-based.
         """
         unknown = "velocity", "displacement"
         pair = qs.Contact(surface, self.surface, unknown=unknown, dt=dt, constraints="nodes")
         gap = pair.model.gaps[0]
         operator = gap.jump_operator()
         forces = surface.node_values(traction) * surface.node_area[:, None]
-        # All of a node's force goes to that part of its area that is above the die.
+        # The whole force of a node acts on the part of its area that is above the die.
         rows = forces[operator.row_node] / gap.cover_share[:, None]
         vecs = surface.create_vec(), self.surface.create_vec()
         operator.add_transpose(rows, vecs[0].handle, vecs[1].handle)
@@ -75,7 +75,7 @@ class ElasticDie:
             vec.destroy()
 
     def solve(self, force):
-        """Displacement under nodal forces. Collective."""
+        """Compute the displacement under nodal forces. Collective."""
         F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(self.V))) * ufl.dx
         form = fem.form(ufl.derivative(F, self.u))
         A = fem_petsc.assemble_matrix(form, bcs=self.bcs)
@@ -94,19 +94,19 @@ class ElasticDie:
             thing.destroy()
 
     def von_mises(self):
-        """Equivalent stress in the cells, MPa."""
+        """Compute the von Mises stress in the cells, MPa."""
         s = ufl.dev(self.stress)
         return cell_values(self.mesh, ufl.sqrt(1.5 * ufl.inner(s, s)))
 
     def peaks(self):
-        """Largest traction on the face and largest equivalent stress, MPa. Collective."""
+        """Compute the largest traction on the face and the largest stress, MPa. Collective."""
         t = np.linalg.norm(self.surface.node_values(self.traction), axis=1)
         local = t.max(initial=0.0), self.von_mises().max(initial=0.0)
         return tuple(self.mesh.comm.allreduce(value, op=MPI.MAX) for value in local)
 
 
 def facets_outside(msh):
-    """Facets of the cylinder that bounds a quarter of a die."""
+    """Find the facets on the cylinder that bounds a quarter of a die."""
     radius = msh.comm.allreduce(msh.geometry.x[:, :2].max(), op=MPI.MAX)
     return mesh.locate_entities_boundary(
         msh, 2, lambda x: np.hypot(x[0], x[1]) > (1 - 1e-3) * radius

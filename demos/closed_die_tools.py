@@ -1,8 +1,8 @@
-"""The tools of the closed-die demo, drawn by gmsh: dies of a wheel as STL files, one as a solid.
+"""Draw the tools of the closed-die demo with gmsh: dies of a wheel as STL files, one as a solid.
 
-A wheel with hub, web and rim is forged with a flash between flat lands, from which it goes into a
-gutter. Walls have a draft of 7°, edges are rounded. Lengths in mm; the axis is z, the land of the
-lower die is at z = 0 and, when the dies are closed, that of the upper one at z = FLASH.
+A wheel with hub, web and rim is forged with a flash between flat lands. The flash flows into a
+gutter. Walls have a draft of 7°, edges are rounded. Lengths are in mm; the axis is z. The land of
+the lower die is at z = 0, the land of the upper die at z = FLASH when the dies are closed.
 """
 
 import itertools
@@ -18,19 +18,19 @@ FLASH = 2.4  # thickness of the flash between the closed dies
 DRAFT = math.tan(math.radians(7.0))
 LAND, GUTTER = 27.0, 33.0  # radii at which land and gutter begin
 EDGE = 44.0  # outer radius of the dies
-NEAR = 5.8  # way between the dies below which cells are smaller
-BEYOND = math.radians(8.0)  # by which dies go on past the planes of symmetry
+NEAR = 5.8  # distance of the dies below which cells are smaller
+BEYOND = math.radians(8.0)  # overhang of the dies beyond the planes of symmetry
 
 
 def corners(hub, rim):
-    """Corners (r, depth, radius of the rounding) of a die from the axis to its edge.
+    """Return corners (r, depth, radius of the rounding) of a die from the axis to its edge.
 
     Args:
         hub: Depth of the hub below the land.
         rim: Depth of the rim below the land.
     """
     web = 2.0
-    inner, outer = 9.5, 18.0  # of the web, half way down its walls
+    inner, outer = 9.5, 18.0  # radii of the web, half way down its walls
     return [
         (0.0, hub, 0.0),
         (inner - DRAFT * (hub - web), hub, 3.0),
@@ -49,12 +49,12 @@ DIES = {"lower": corners(hub=9.0, rim=7.0), "upper": corners(hub=11.0, rim=7.0)}
 
 
 def height(die, depth):
-    """Z of a depth below the land, with the dies closed."""
+    """Return z for a depth below the land, with closed dies."""
     return -depth if die == "lower" else FLASH + depth
 
 
 def segments(die):
-    """Lines and arcs of a die's profile: (start, end) or (start, centre, end), points (r, z)."""
+    """Return lines (start, end) and arcs (start, centre, end) of a profile, points (r, z)."""
     points = [np.array([r, height(die, depth)]) for r, depth, _ in DIES[die]]
     out, start = [], points[0]
     for before, corner, after, (*_, radius) in zip(
@@ -73,7 +73,7 @@ def segments(die):
 
 
 def profile(die, number=40):
-    """Points (r, z) along the profile of a die, arcs in many chords."""
+    """Return points (r, z) along the profile of a die, with arcs as many chords."""
     out = []
     for start, *centre, end in segments(die):
         s = np.linspace(0, 1, number)[:, None]
@@ -87,20 +87,20 @@ def profile(die, number=40):
 
 
 def cavity(radius=LAND):
-    """Volume between the closed dies within a radius, all around the axis."""
+    """Compute the volume between the closed dies within a radius, all around the axis."""
     r = np.linspace(0, radius, 20001)
     lower, upper = (np.interp(r, *profile(die).T) for die in ("lower", "upper"))
     return 2 * np.pi * np.trapezoid(r * (upper - lower), r)
 
 
 def cell_size(x, way, largest, smallest):
-    """Size of a billet's cells: smaller where the dies are near each other.
+    """Return the size of the billet's cells: smaller where the dies are near each other.
 
     Args:
         x: Points, shape (3, n).
-        way: Of the upper die to where it ends.
-        largest: Size.
-        smallest: Size.
+        way: Remaining stroke of the upper die.
+        largest: Largest size.
+        smallest: Smallest size.
     """
     r = np.hypot(x[0], x[1])
     lower, upper = (np.interp(r, *profile(die).T) for die in ("lower", "upper"))
@@ -108,7 +108,7 @@ def cell_size(x, way, largest, smallest):
 
 
 def draw_profile(gmsh, die, back=None):
-    """Curves of a profile in the plane y = 0; closed by a block behind it down to z = back."""
+    """Draw curves of a profile in the plane y = 0, closed by a block behind it to z = back."""
     occ = gmsh.model.occ
 
     def add(p):
@@ -132,13 +132,13 @@ def draw_profile(gmsh, die, back=None):
 def write_stl(die, filename, size):
     """Write the face of a die, a little more than a quarter of it, as a binary STL file.
 
-    Triangles run counter-clockwise seen from the cavity. As no wall hangs over, all of them are
-    seen from above, or, those of the upper die, from below.
+    Triangles are counter-clockwise seen from the cavity. As there are no undercuts, all triangles
+    are visible from above; those of the upper die from below.
 
     Args:
         die: "lower" or "upper".
         filename: The file.
-        size: Of the triangles, at most; on the roundings they are smaller.
+        size: Largest size of the triangles; on the roundings they are smaller.
     """
     import gmsh
 
@@ -171,14 +171,14 @@ def write_stl(die, filename, size):
 
 
 def die_mesh(comm, die, size, coarse, thickness=25.0):
-    """Tetrahedra of a quarter of a die, for its stresses; cells grow away from its face.
+    """Mesh a quarter of a die with tetrahedra, for its stresses; cells grow away from its face.
 
     Args:
         comm: Communicator.
         die: "lower" or "upper".
-        size: Of the cells on the face.
-        coarse: Of the cells at the back.
-        thickness: From the land to the back.
+        size: Size of the cells on the face.
+        coarse: Size of the cells at the back.
+        thickness: Thickness from the land to the back.
     """
     face = profile(die, 10).T
 
@@ -200,12 +200,12 @@ def die_mesh(comm, die, size, coarse, thickness=25.0):
 
 
 def billet_size(radius, flash):
-    """Height of a billet of a radius that fills the cavity and a share of it more as flash."""
+    """Compute the height of a billet that fills the cavity and a share of it more as flash."""
     return (1 + flash) * cavity() / (np.pi * radius**2)
 
 
 def billet_mesh(comm, radius, flash, size):
-    """Tetrahedra of a quarter of the billet, which stands on the web of the lower die."""
+    """Mesh a quarter of the billet, which stands on the web of the lower die, with tetrahedra."""
     bottom = height("lower", DIES["lower"][2][1])
 
     def draw(gmsh):
@@ -218,7 +218,7 @@ def billet_mesh(comm, radius, flash, size):
 
 
 def skin(msh):
-    """Facets of a quarter's boundary that are on no plane of symmetry."""
+    """Find the facets of a quarter's boundary that are on no plane of symmetry."""
     msh.topology.create_connectivity(2, 3)
     outside = mesh.exterior_facet_indices(msh.topology)
     scale = 1e-9 * EDGE

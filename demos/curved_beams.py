@@ -1,34 +1,34 @@
-"""Two curved beams that are pushed past each other: they touch, bend, slip, and part.
+"""Push two curved beams past each other: they touch, bend, slip, and separate.
 
 Plane strain, neo-Hookean quadrilaterals, E = 1, ν = 0.3: two half-rings (radii 8 inside and 10
-outside), one upright, whose ends are held, and above it one upside down, its point reflection. The
-centres are --overlap lower than what would just let it pass. The ends of the upper one are pushed
-from left to right, until the beams no longer touch. Facets slide along each other by tens.
+outside). The lower one is upright, with held ends; the upper one is its point reflection. It is
+lower by --overlap than a beam that would just pass. Its ends are pushed from left to right until
+the beams no longer touch. The surfaces slide along each other by tens of facets.
 
     python3 demos/curved_beams.py --json curved_beams.json
     mpirun -n 2 python3 demos/curved_beams.py --cells 3 --friction 0.3 --steps 128
     python3 demos/curved_beams.py --plot curved_beams.png
 
-Such scenes are in Fischer & Wriggers (2006) and Neto et al. (2016); lengths, material and overlap
-here are our own. A shift is the way of the upper beam's ends from where it stands just over the
-lower one; without friction what comes before that is the mirror image of what comes after. The
-penalty is soft: contact is much stiffer than beams in bending are. All is done again with twice as
-many cells each way. Forces (fx, fy) are those on the upper beam's ends, in units of E and of the
-length unit. Keys of the JSON object, of the mesh of --cells:
+Similar problems are in Fischer & Wriggers (2006) and Neto et al. (2016); lengths, material and
+overlap differ here. The shift s is the displacement of the upper beam's ends from its position
+exactly above the lower beam. Without friction the motion at −s is the mirror image of that at s.
+A soft penalty is enough, as contact is much stiffer than beams in bending. A second run has twice
+as many cells in each direction. Forces (fx, fy) act on the upper beam's ends, in units of E and of
+the length. Keys of the JSON object, for the mesh of --cells:
 
 - force_x_max, force_y_max: the largest |fx| and |fy|;
-- force_change: the largest difference of both curves, fx and fy over the shift, to those of the
-  finer mesh, over the largest force;
-- kink: how far a force is from the cubic through the two before and the two after it, the largest
-  of both curves while the beams touch, over the largest force. A curve that turns where facets'
-  edges meet has kinks;
-- symmetry_error: the largest difference of both curves to their mirror image, fx(−s) = −fx(s) and
-  fy(−s) = fy(s), over the largest force; with friction it is none, but what friction does;
-- energy_error: |work of the ends (Simpson's rule) − elastic energy − energy taken by friction|, the
-  largest of every second step, over the largest energy; a penalty's energy is elastic;
-- max_penetration: the largest of all steps;
-- facet_size: the smallest;
-- snes_iterations: of both meshes.
+- force_change: the largest difference between the curves fx(s), fy(s) of both meshes, over the
+  largest force;
+- kink: largest distance of a force from the cubic through the two forces before and the two after
+  it, of both curves while the beams touch, over the largest force. It shows kinks of the curves
+  where edges of facets meet;
+- symmetry_error: the largest difference between both curves and their mirror images, fx(−s) =
+  −fx(s) and fy(−s) = fy(s), over the largest force; with friction it is its effect, no error;
+- energy_error: |work of the ends (Simpson's rule) − elastic energy − dissipation of friction|, the
+  largest of every second step, over the largest energy; elastic includes the penalty's energy;
+- max_penetration: the largest penetration of all steps;
+- facet_size: the smallest facet;
+- snes_iterations: number of Newton iterations with both meshes.
 """
 
 import dataclasses
@@ -48,7 +48,7 @@ from common.command import Command, count, option, report
 from curved_beams_bodies import OUTER, Beam
 from curved_beams_output import measure, more, summary
 
-#: Where the stroke begins and ends, over where circles would touch.
+#: Start and end of the stroke over the shift at which circles would touch.
 BESIDE = 1.1
 
 
@@ -56,10 +56,10 @@ BESIDE = 1.1
 class Parameters:
     """One beam that is pushed past another."""
 
-    cells: int = option(5, "across the beams", type=count)
+    cells: int = option(5, "cells across the beams", type=count)
     friction: float = option(0.0, "Coulomb's coefficient")
-    steps: int = option(64, "an even number", type=count)
-    overlap: float = option(2.0, "of the beams, if they did not bend")
+    steps: int = option(64, "number of steps, even", type=count)
+    overlap: float = option(2.0, "overlap of the undeformed beams")
     enforcement: str = option("penalty")
     penalty: float = option(1.0, "ε, stress per length")
     verbose: bool = option(False, "print each step")
@@ -85,7 +85,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Both beams, contact, and the stepper, whose time counts steps."""
+    """Build both beams, the contact, and the stepper, whose time counts steps."""
     first, last = p.shifts()[0], p.shifts()[-1]
     upper = Beam(comm, p.cells, (first, p.height()), -1)
     lower = Beam(comm, p.cells, (0.0, 0.0), 1)
@@ -108,9 +108,9 @@ def build(comm, p):
 
 
 def push(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Push one pair of beams; returns the rows of its states.
+    """Push one pair of beams; return the rows of its states.
 
-    ``on_step(row, scene)`` is called after each step, and first for the beams as they are made.
+    ``on_step(row, scene)`` is called first for the initial state, and then after each step.
     """
     scene = *_, stepper = build(comm, p)
     rows = []
@@ -125,7 +125,7 @@ def push(p, comm=MPI.COMM_WORLD, on_step=None):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Push the beams of two meshes; returns what --json writes, and the rows of both."""
+    """Push the beams of two meshes; return the results for --json, and the rows of both."""
     finer = dataclasses.replace(p, cells=2 * p.cells)
     both = [push(case, comm, on_step) for case in (p, finer)]
     return summary(*both), both

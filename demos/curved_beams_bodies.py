@@ -1,4 +1,4 @@
-"""The bodies of the demo of curved beams: two arches, the one the other's point reflection."""
+"""Bodies of the curved beams demo: two arches, each the point reflection of the other."""
 
 import numpy as np
 
@@ -16,12 +16,12 @@ DX = ufl.dx(degree=3)
 E, NU = 1.0, 0.3
 MU, LAMBDA = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
 INNER, OUTER = 8.0, 10.0  # radii
-#: Length of a cell over its height, on the middle line: contact needs finer facets than bending.
+#: Length of a cell over its height on the middle line; contact needs finer facets than bending.
 ASPECT = 0.6
 
 
 def create_half_ring(comm, n, centre, side):
-    """A mesh of quadrilaterals, symmetric to the vertical through the centre.
+    """Create a mesh of quadrilaterals, symmetric about the vertical through the centre.
 
     Args:
         comm: Communicator.
@@ -44,7 +44,7 @@ def create_half_ring(comm, n, centre, side):
 
 
 class Beam:
-    """A neo-Hookean half-ring whose ends are held, and that touches with its outside.
+    """A neo-Hookean half-ring with held ends, and with contact on its outside.
 
     Args:
         comm: Communicator.
@@ -67,7 +67,7 @@ class Beam:
         self.surface = qs.Surface(V, facets=outside)
         self.facet_size = self.surface.facet_size_range[0]
         ends = facets_at(msh, 1, y)
-        #: Of the ends, and the force there.
+        #: Displacement of the ends, and the force there.
         self.displacement = fem.Constant(msh, (0.0, 0.0))
         self.reaction = Reaction(self.F, V, ends)
         self.bcs = [fem.dirichletbc(self.displacement, fem.locate_dofs_topological(V, 1, ends), V)]

@@ -1,4 +1,4 @@
-"""What the demo of curved beams measures: forces, energies, symmetry, kinks, penetration."""
+"""Results of the curved beams demo: forces, energies, symmetry, kinks, penetration."""
 
 import dataclasses
 
@@ -12,11 +12,11 @@ from common.measures import columns
 class Row:
     """The state at a shift."""
 
-    shift: float  # of the upper beam's middle from the lower one's
-    fx: float  # on the upper beam's ends
+    shift: float  # x of the upper beam's middle from the lower one's
+    fx: float  # force on the upper beam's ends
     fy: float
-    net_force: float  # on the ends of both
-    elastic: float  # the penalty's energy included
+    net_force: float  # force on the ends of both beams
+    elastic: float  # elastic energy, with the penalty's energy
     dissipated: float
     penetration: float
     facet_size: float
@@ -33,7 +33,7 @@ class Row:
 
 
 def measure(shift, iterations, upper, lower, contact, stepper):
-    """The row of this state. Collective."""
+    """Compute the row of this state. Collective."""
     force, opposite = upper.reaction(), lower.reaction()
     solved = stepper.num_steps > 0
     of_penalty = contact.stored_energy() if solved and not contact.model.augmented else 0.0
@@ -52,35 +52,35 @@ def measure(shift, iterations, upper, lower, contact, stepper):
 
 
 def forces(rows):
-    """Both reaction curves, shape (2, rows)."""
+    """Return both reaction curves, shape (2, rows)."""
     return np.array(columns(rows, "fx", "fy"))
 
 
 def largest_force(rows):
-    """Of both components."""
+    """Return the largest absolute value of both components."""
     return np.abs(forces(rows)).max()
 
 
 def force_change(rows, finer):
-    """The largest difference of both curves to those of another mesh, over the largest force."""
+    """Compute the largest difference to the curves of another mesh, over the largest force."""
     return np.abs(forces(rows) - forces(finer)).max() / largest_force(finer)
 
 
 def symmetry_error(rows):
-    """The largest difference of both curves and their mirror image, over the largest force.
+    """Compute the largest difference of both curves to their mirror images, over the largest force.
 
-    Mirrored at the middle of the stroke fx changes its sign.
+    In the mirror image about the middle of the stroke fx changes its sign.
     """
     mirrored = forces(rows)[:, ::-1] * [[-1], [1]]
     return np.abs(forces(rows) - mirrored).max() / largest_force(rows)
 
 
 def kink(rows):
-    """The largest fourth difference of both curves over 6, over the largest force.
+    """Compute the largest fourth difference of both curves over 6, over the largest force.
 
-    That is how far a force is from the cubic through the two before and the two after it. Of a
-    smooth curve it goes with step⁴, of one that turns at a point by a slope with step × slope. All
-    five are in contact: where contact begins and ends curves do turn.
+    This is the distance of a force from the cubic through the two forces before and the two after
+    it. For a smooth curve it scales with step⁴, at a kink with step × change of slope. All five
+    states are in contact, because curves do have kinks where contact begins and ends.
     """
     (touching,) = columns(rows, "touching")
     inside = np.lib.stride_tricks.sliding_window_view(touching > 0, 5).all(axis=1)
@@ -89,20 +89,20 @@ def kink(rows):
 
 
 def work_of(rows):
-    """Work at the upper beam's ends until every second row, by Simpson's rule."""
+    """Integrate the work at the upper beam's ends up to every second row, by Simpson's rule."""
     fx, shift = columns(rows, "fx", "shift")
     means = (fx[:-2:2] + 4 * fx[1::2] + fx[2::2]) / 6
     return np.concatenate([[0.0], np.cumsum(means * np.diff(shift[::2]))])
 
 
 def energy_error(rows):
-    """What is missing in the balance of energy, the most at any time, over the largest energy."""
+    """Compute the largest error of the energy balance at any time, over the largest energy."""
     elastic, dissipated = columns(rows[::2], "elastic", "dissipated")
     return np.abs(work_of(rows) - elastic - dissipated).max() / (elastic + dissipated).max()
 
 
 def summary(rows, finer):
-    """What --json writes, of the rows of both meshes."""
+    """Return the results for --json from the rows of both meshes."""
     fx, fy = np.abs(forces(rows)).max(axis=1)
     return {
         "force_x_max": fx,
@@ -118,7 +118,7 @@ def summary(rows, finer):
 
 
 def more(rows, finer):
-    """What is printed besides, of both meshes."""
+    """Return further results to be printed, of both meshes."""
     out = {}
     for name, each in (("", rows), (", finer mesh", finer)):
         out[f"largest elastic energy{name}"] = max(row.elastic for row in each)

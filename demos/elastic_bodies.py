@@ -1,4 +1,4 @@
-"""Elastic bodies of the demos of sliding: boxes, and strips between two lines."""
+"""Elastic bodies of the sliding demos: boxes, and strips between two lines."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class Body:
     Args:
         msh: Mesh.
         lower: Facets of its lower side.
-        upper: The same of the upper one.
+        upper: Facets of its upper side.
         E: Young's modulus.
         nu: Poisson's ratio.
     """
@@ -39,9 +39,9 @@ class Body:
         self.bcs += [fix(self.V, axis, self.lower) for axis in range(self.mesh.geometry.dim)]
 
     def guide(self, facets):
-        """Displace facets by ``shift`` along x; they are free to move along the last axis alone.
+        """Displace facets by ``shift`` along x; they are free to move along the last axis only.
 
-        ``reaction()`` is the force that this takes, if all loads are there and no contact is.
+        ``reaction()`` is the force on these facets, if all loads are set and none is in contact.
         """
         self.shift = fem.Constant(self.mesh, 0.0)
         self.reaction = Reaction(self.F, self.V, facets)
@@ -51,13 +51,13 @@ class Body:
 
 
 def create_box(comm, n, low, high, E, nu):
-    """A box of n cells along x, y and z between two corners."""
+    """Create a box of n cells along x, y and z between two corners."""
     msh = mesh.create_box(comm, [low, high], n, mesh.CellType.hexahedron)
     return Body(msh, *(facets_at(msh, 2, z) for z in (low[2], high[2])), E, nu)
 
 
 def create_strip(comm, n, ends, low, high, E, nu):
-    """A body of n cells along x and y between two lines over an interval of x.
+    """Create a body of n cells along x and y between two lines over an interval of x.
 
     ``back`` has the facets of its left end without the one next to the lower side.
     """

@@ -1,31 +1,31 @@
-"""A spring in the shape of a U, pressed between two planes until it is folded flat.
+"""Press a U-shaped spring between two planes until it is folded flat.
 
 Plane strain, neo-Hookean quadrilaterals, E = 1, ν = 0.3: two legs (thickness 1, length 10, their
-ends rounded inside) and half a ring (radius 2 inside, thickness 0.6). All of its boundary may touch
-itself, and two rigid planes without friction that close on it from above and below. The ends of the
-legs touch first. When the planes are 2 apart the legs lie on each other; they are pressed until
-that is 1.92. Only the bend stays open.
+ends rounded inside) and half a ring (radius 2 inside, thickness 0.6). The whole boundary may touch
+itself and two rigid frictionless planes, which close on the spring from above and below. The ends
+of the legs touch first. When the distance of the planes is 2, the legs lie on each other. They are
+pressed until this distance is 1.92. Only the bend stays open.
 
     python3 demos/fold.py --json fold.json
     mpirun -n 2 python3 demos/fold.py --cells 3 --friction 0.2 --longer 1
     python3 demos/fold.py --plot fold.png
 
-There are --steps until the legs are almost closed, and half as many shorter ones from there on. All
-is done again with twice as many cells each way. Legs that are mirror images do not slip on each
-other, whatever the friction; --longer makes one longer than the other. Then the spring is not
-symmetric, and what holds the middle of the bend takes a force. Lengths are in units of the legs'
-thickness, stresses in E; the force is that on a plane. Keys of the JSON object, of the mesh of
---cells:
+There are --steps steps until the legs are almost closed, and half as many shorter steps after that.
+A second run has twice as many cells in each direction. Legs that are mirror images do not slip on
+each other, whatever the friction; --longer makes the lower leg longer. The spring is then not
+symmetric, and the support at the middle of the bend carries a force. Lengths are in units of the
+thickness of the legs, stresses in E; the force acts on a plane. Keys of the JSON object, for the
+mesh of --cells:
 
 - force: at the end;
 - force_change: the largest difference to the finer mesh at the same stroke, over the largest force;
 - symmetry_error: the largest difference between displacements and their mirror image, of all steps,
   over the stroke of a plane;
-- energy_error: |work of the planes (Simpson's rule) − elastic energy − energy taken by friction|
+- energy_error: |work of the planes (Simpson's rule) − elastic energy − dissipation of friction|
   over the work, at the end;
-- max_penetration: how deep the spring goes into itself, the largest of all steps;
-- facet_size: the smallest;
-- snes_iterations: of both meshes.
+- max_penetration: the largest penetration of the spring into itself, of all steps;
+- facet_size: the smallest facet;
+- snes_iterations: number of Newton iterations with both meshes.
 """
 
 import dataclasses
@@ -43,7 +43,7 @@ from common.command import Command, count, option, report
 from fold_bodies import LEG, OPEN, Spring
 from fold_output import measure, more, summary
 
-#: Half the distance of the planes when the legs are almost closed, and at the end.
+#: Half the distance between the planes when the legs are almost closed, and at the end.
 CLOSED, FLAT = 1.04 * LEG, 0.96 * LEG
 
 
@@ -51,12 +51,12 @@ CLOSED, FLAT = 1.04 * LEG, 0.96 * LEG
 class Parameters:
     """One spring that is folded."""
 
-    cells: int = option(4, "across the legs", type=count)
-    friction: float = option(0.0, "Coulomb's coefficient, of the spring on itself")
-    longer: float = option(0.0, "by how much the lower leg is longer")
-    steps: int = option(64, "until the legs are almost closed, a multiple of 4", type=count)
-    touching: str = option("boundary", "what may touch itself", choices=("boundary", "inside"))
-    sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
+    cells: int = option(4, "cells across the legs", type=count)
+    friction: float = option(0.0, "Coulomb's coefficient of the spring on itself")
+    longer: float = option(0.0, "additional length of the lower leg")
+    steps: int = option(64, "steps until the legs almost close, a multiple of 4", type=count)
+    touching: str = option("boundary", "self-contact surface", choices=("boundary", "inside"))
+    sliding: str = option("small", "finite: contact geometry is updated in the step")
     enforcement: str = option("augmented-lagrangian")
     verbose: bool = option(False, "print each step")
 
@@ -76,7 +76,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Spring, contacts with the planes above and below and with itself, and the stepper."""
+    """Build the spring, its contacts with the two planes and with itself, and the stepper."""
     spring = Spring(comm, p.cells, p.longer, p.touching)
     planes = [
         qs.RigidSurface.plane(comm, point=[0, side * OPEN], normal=[0, -side]) for side in (1, -1)
@@ -100,9 +100,9 @@ def build(comm, p):
 
 
 def fold(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Fold one spring; returns the rows of its states.
+    """Fold one spring; return the rows of its states.
 
-    ``on_step(row, scene)`` is called after each step, and first for the spring as it is made.
+    ``on_step(row, scene)`` is called first for the initial state, and then after each step.
     """
     scene = *_, stepper = build(comm, p)
     rows = []
@@ -117,7 +117,7 @@ def fold(p, comm=MPI.COMM_WORLD, on_step=None):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Fold the spring of two meshes; returns what --json writes, and the rows of both."""
+    """Fold the spring with two meshes; return the results for --json, and the rows of both."""
     finer = dataclasses.replace(p, cells=2 * p.cells)
     both = [fold(case, comm, on_step) for case in (p, finer)]
     return summary(*both), both

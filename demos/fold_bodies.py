@@ -19,19 +19,19 @@ MU, LAMBDA = E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
 LEG, LENGTH = 1.0, 10.0  # thickness and length of the legs
 BEND, RADIUS = 0.6, 2.0  # thickness of the bend, and its radius inside
 TAPER = 3.0  # length on which the bend's thickness becomes the legs'
-#: Length and radius of the rounding of the legs' ends inside: edges that stand on each other slip.
+#: Length and radius of the inner rounding of the legs' ends; sharp edges would slip off each other.
 ROUNDED, ROUNDING = 3.5, 10.0
-#: Half the distance of the planes when they touch the spring.
+#: Half the distance between the planes when they touch the undeformed spring.
 OPEN = RADIUS + LEG
 
 
 def points_of_strip(s, depth, longer):
-    """Where points of a straight strip are in the spring.
+    """Map points of a straight strip to the spring.
 
     Args:
         s: Distance from the middle along the inside, shape (n,).
         depth: From 0 inside to 1 outside, shape (m,).
-        longer: By how much the lower leg is, in which s is negative.
+        longer: Additional length of the lower leg, in which s is negative.
 
     Returns:
         Points, shape (n, m, 2).
@@ -50,7 +50,7 @@ def points_of_strip(s, depth, longer):
 
 
 def stations(n):
-    """Where the strip is cut across, with n cells in the thickness of the legs."""
+    """Return the positions of the cross-sections for n cells in the thickness of the legs."""
     quarter = RADIUS * np.pi / 2
     bend = np.linspace(0, quarter, round(n * (quarter + BEND)) + 1)
     leg = quarter + np.linspace(0, LENGTH, round(n * LENGTH) + 1)[1:]
@@ -59,13 +59,13 @@ def stations(n):
 
 
 class Spring:
-    """A neo-Hookean spring, open to the right, symmetric to y = 0.
+    """A neo-Hookean spring, open to the right, symmetric about y = 0.
 
     Args:
         comm: Communicator.
         n: Cells across.
-        longer: By how much the lower leg is.
-        touching: Of what it may touch itself with, "boundary" or "inside".
+        longer: Additional length of the lower leg.
+        touching: Part of the surface for self-contact, "boundary" or "inside".
     """
 
     def __init__(self, comm, n, longer, touching):
@@ -95,9 +95,9 @@ class Spring:
         self.facet_size = self.boundary.facet_size_range[0]
 
     def _hold(self):
-        """The middle of the bend does not leave y = 0, and its node inside does not move.
+        """Hold the middle of the bend on y = 0, and fix its inner node.
 
-        In a symmetric state none of that takes a force.
+        In a symmetric state these conditions carry no force.
         """
         middle = mesh.locate_entities(self.mesh, 1, lambda x: np.isclose(x[1], 0))
         inside = mesh.locate_entities(
@@ -108,7 +108,7 @@ class Spring:
         return [fix(self.V, 1, middle), fem.dirichletbc(0.0, dof, V_x)]
 
     def numbers(self):
-        """Nodes of the mesh's geometry as they were numbered along the strip."""
+        """Return the original numbers, along the strip, of the nodes of the mesh."""
         return self.mesh.geometry.input_global_indices
 
     def energy(self):
@@ -125,7 +125,7 @@ class Spring:
         return ufl.dot(along, stress * along) / ufl.dot(along, along)
 
     def asymmetry(self):
-        """The largest difference of displacements and their mirror image. Collective."""
+        """Compute the largest difference of displacements to their mirror image. Collective."""
         own = self.mesh.geometry.index_map().size_local
         u = np.zeros((self.shape[0] * self.shape[1], 2))
         u[self.numbers()[:own]] = node_values(self.u)[:own]

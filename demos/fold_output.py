@@ -1,4 +1,4 @@
-"""What the fold demo measures: force, energies, symmetry, penetration."""
+"""Results of the fold demo: force, energies, symmetry, penetration."""
 
 import dataclasses
 
@@ -12,9 +12,9 @@ from common.measures import columns
 class Row:
     """The state at a stroke."""
 
-    stroke: float  # of each plane
-    force: float  # on a plane, the mean
-    net_force: float  # on both
+    stroke: float  # displacement of each plane
+    force: float  # force on a plane, mean of both
+    net_force: float  # force on both planes together
     elastic: float
     dissipated: float
     asymmetry: float
@@ -33,7 +33,7 @@ class Row:
 
 
 def measure(stroke, iterations, spring, contacts, stepper):
-    """The row of this state. Collective."""
+    """Compute the row of this state. Collective."""
     *planes, itself = contacts
     above, below = (contact.force("master")[1] for contact in planes) if stroke else (0.0, 0.0)
     return Row(
@@ -64,13 +64,13 @@ def symmetry_error(rows):
 
 
 def energy_error(rows):
-    """What is missing in the balance of energy at the end, over the work."""
+    """Compute the error of the energy balance at the end, over the work."""
     end, work = rows[-1], work_of(rows)
     return abs(work - end.elastic - end.dissipated) / work
 
 
 def summary(rows, finer):
-    """What --json writes, of the rows of both meshes."""
+    """Return the results for --json from the rows of both meshes."""
     end = rows[-1]
     (force,), (fine,) = columns(rows, "force"), columns(finer, "force")
     return {
@@ -85,7 +85,7 @@ def summary(rows, finer):
 
 
 def more(rows, finer):
-    """What is printed besides, of both meshes."""
+    """Return further results to be printed, of both meshes."""
     out = {}
     for name, each in (("", rows), (", finer mesh", finer)):
         end, work = each[-1], work_of(each)

@@ -1,11 +1,11 @@
 """Forging: a hot-steel cylinder upset between elastic dies with finer contact faces.
 
-A quarter of a Norton-Hoff cylinder (radius 10 mm, height 15 mm; K = 50 MPa sᵐ, m = 0.15) in
-velocities, MINI element, between two elastic dies (E = 2.1e5 MPa) in displacements. The lower die
-stands, the top of the upper one comes down at 10 mm/s. The faces of the dies are --die-refinement
-times finer than the workpiece, which carries the multipliers (--swap: the dies do). No Dirichlet
-condition holds the workpiece up or down: contact does. There is no friction unless --friction names
-a law; friction factors are of the flow stress at the nominal strain rate, velocity over height.
+A quarter of a Norton-Hoff cylinder (radius 10 mm, height 15 mm; K = 50 MPa sᵐ, m = 0.15), velocity-
+based with the MINI element, between two elastic dies (E = 2.1e5 MPa), displacement-based. The lower
+die is fixed, the top of the upper one moves down at 10 mm/s. The faces of the dies are finer than
+the workpiece by --die-refinement; the workpiece carries the multipliers (--swap: the dies). Only
+contact holds the workpiece vertically. There is no friction unless --friction names a law; friction
+factors refer to the flow stress at the nominal strain rate, velocity over height.
 
     mpirun -n 2 python3 demos/forging.py --die-refinement 4 --json forging.json
     mpirun -n 2 python3 demos/forging.py --friction coulomb-tresca --mu 0.2 --m-bar 0.4
@@ -13,15 +13,15 @@ a law; friction factors are of the flow stress at the nominal strain rate, veloc
 
 Keys of the JSON object (forces of the whole cylinder):
 
-- forming_force (N): at the end, on the upper die;
-- force_balance_error: largest |force on a die + force on the workpiece| / |force|, of all steps;
+- forming_force (N): force on the upper die at the end;
+- force_balance_error: largest |force on a die + force on the workpiece| / |force| of all steps;
 - die_traction_peak (MPa): largest pressure on the dies' nodes within 70 % of the contact's radius;
 - die_traction_roughness: standard deviation over mean of the pressure there;
 - unloaded_die_nodes: share of these nodes with less than a tenth of the mean pressure;
-- volume_change: of the workpiece, relative;
+- volume_change: relative change of the workpiece's volume;
 - steps, snes_iterations, total_seconds.
 
-Pressures are contact forces over nodal areas. How much the workpiece barrels is on the terminal.
+Pressures are contact forces over nodal areas. The barrelling is printed on the terminal.
 """
 
 import contextlib
@@ -42,7 +42,7 @@ from common.measures import Clock
 from forging_bodies import HEIGHT, SPEED, K, M, create_bodies
 from forging_output import Record, barrelling
 
-#: MPa: times 1/h. A stiffer one makes the nodes of the workpiece hop from dent to dent.
+#: Penalty times h (MPa). A stiffer penalty makes the nodes of the workpiece hop from dent to dent.
 PENALTY = 5e4
 SIZES = {"coarse": 2.5, "medium": 1.7, "fine": 1.2}  # mm, cells of the workpiece
 
@@ -54,19 +54,19 @@ class Parameters:
     die_refinement: float = option(4.0)
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
-    enforcement: str = option("penalty", "as accurate here, and faster")
+    enforcement: str = option("penalty", "the default is as accurate here, and faster")
     reduction: float = option(0.3)
     size: str = option("coarse", choices=tuple(SIZES))
     num_steps: int = option(15, name="--steps")
-    swap: bool = option(False, "the dies are the slaves")
+    swap: bool = option(False, "make the dies the slaves")
     m: float = option(M, "rate sensitivity")
     solver: str = option("auto", "linear solver")
     friction: str = option("none", choices=FRICTIONS)
     mu: float = option(0.3, "Coulomb's coefficient")
-    m_bar: float = option(0.3, "friction factor, of shear yield stress")
-    alpha: float = option(0.3, "of Norton's law, of the consistency")
-    output: str | None = option(None, "fields, history.csv and a checkpoint", metavar="FOLDER")
-    restart: bool = option(False, "go on from --output's checkpoint")
+    m_bar: float = option(0.3, "friction factor: share of the shear yield stress")
+    alpha: float = option(0.3, "factor of the consistency in Norton's law")
+    output: str | None = option(None, "write fields, history.csv, checkpoint", metavar="FOLDER")
+    restart: bool = option(False, "continue from --output's checkpoint")
     verbose: bool = False
 
     def __post_init__(self):
@@ -75,13 +75,13 @@ class Parameters:
 
 
 def build(comm, p):
-    """Workpiece, dies, contacts, problem and stepper."""
+    """Build workpiece, dies, contacts, problem and stepper."""
     h = SIZES[p.size]
     return assemble(p, h, *create_bodies(comm, h, p.die_refinement))
 
 
 def assemble(p, h, work, dies):
-    """The same of bodies that are there; h (mm) is what the penalty is for."""
+    """Build contacts, problem and stepper of given bodies; h (mm) is the size for the penalty."""
     dt = p.reduction * HEIGHT / SPEED / p.num_steps
     friction, contacts, turn = Friction(p, work.mesh, K, p.m), [], -1 if p.swap else 1
     for face, die in zip((work.lower, work.upper), dies, strict=True):
@@ -115,7 +115,7 @@ def assemble(p, h, work, dies):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Forge; returns what --json writes, and what build() does.
+    """Forge; return the results for --json, and what build() returns.
 
     ``on_step(scene, strain)`` is called at the start and after each step.
     """
@@ -132,7 +132,7 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
 
 
 def main():
-    command = Command(__doc__, Parameters, plot="picture of the end")
+    command = Command(__doc__, Parameters, plot="draw the final state")
     command.add_file("--animate", film_file, "all steps as a GIF")
     p, a = command.parse()
     film = Film(HEIGHT, SPEED) if a.plot or a.animate else None

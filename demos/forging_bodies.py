@@ -21,7 +21,7 @@ class Die:
         z: Height of the face.
         sign: 1: the die is above the face, -1: below it.
         h: Size of the cells on the face; they grow away from it.
-        reach: Radius within which contact may come.
+        reach: Radius within which contact may occur.
         E: Young's modulus.
         nu: Poisson's ratio.
     """
@@ -46,7 +46,7 @@ class Die:
 
 
 def create_bodies(comm, h, die_refinement):
-    """The workpiece, with cells of size h, and the two dies."""
+    """Create the workpiece, with cells of size h, and the two dies."""
     msh = quarter_cylinder(comm, RADIUS, 0.0, HEIGHT, str(h))
     work = NortonHoff(msh, K, M, slow=1e-3 * SPEED / HEIGHT)
     work.bcs = [fix(work.W.sub(0), axis, facets_at(msh, axis, 0.0)) for axis in (0, 1)]

@@ -1,4 +1,4 @@
-"""What the forging demo measures and keeps: pressures on the dies, shape, energy, strain."""
+"""Results and files of the forging demo: pressures on the dies, shape, energy, strain."""
 
 import pathlib
 
@@ -16,11 +16,11 @@ from common.output import Output
 
 
 def inner_pressure(contact, side):
-    """Pressure at the die's owned nodes within 70 % of the contact's radius."""
+    """Return the pressure at the die's owned nodes within 70 % of the contact radius."""
     comm = contact.comm
     surface = getattr(contact, side)
     pressure = np.abs(surface.node_values(contact.traction(side))[:, 2])
-    # The radius of the disc on which a uniform pressure has this mean square distance.
+    # Contact radius: of the disc on which a uniform pressure has this mean square distance.
     distance = np.linalg.norm(surface.node_x[:, :2], axis=1)
     force = comm.allreduce(pressure @ surface.node_area)
     second = comm.allreduce(distance**2 @ (pressure * surface.node_area))
@@ -28,7 +28,7 @@ def inner_pressure(contact, side):
 
 
 def die_pressures(contacts, side):
-    """Of both dies together, which are on this side of their contacts. Collective."""
+    """Return the pressures of both dies, which are on this side of their contacts. Collective."""
     comm = contacts[0].comm
     values = np.concatenate([inner_pressure(contact, side) for contact in contacts])
     count, total = comm.allreduce(np.array([len(values), values.sum()]))
@@ -44,11 +44,11 @@ def die_pressures(contacts, side):
 
 
 def barrelling(work):
-    """Largest radius of the workpiece at mid height and at the dies. Collective."""
+    """Compute the largest radius of the workpiece at mid height and at the dies. Collective."""
     msh = work.mesh
     x = msh.geometry.x
     radius, comm = np.hypot(x[:, 0], x[:, 1]), msh.comm
-    # DOLFINx divides by the number of facets, which some rank may have none of.
+    # DOLFINx divides by the number of facets, which may be zero on a rank.
     faces = [surface.facets for surface in (work.lower, work.upper) if len(surface.facets)]
     nodes = [mesh.entities_to_geometry(msh, 2, facets).ravel() for facets in faces]
     at_dies = np.concatenate([np.zeros(0, dtype=np.int32), *nodes])
@@ -62,12 +62,12 @@ def barrelling(work):
 
 
 class Energy:
-    """Work of the upper die's drive against what becomes of it, of the quarter (N mm).
+    """Energy balance of the quarter (N mm): work of the upper die's drive and its parts.
 
     Args:
         work: The workpiece.
         dies: The dies.
-        contacts: Between them; what their friction takes is a column of its own.
+        contacts: Contacts between them; the dissipation of their friction has its own column.
         speed: Velocity of the drive.
     """
 
@@ -80,22 +80,22 @@ class Energy:
         self.power = self.work = self.dissipated = 0.0
 
     def sums(self):
-        """What a checkpoint has to keep."""
+        """Return the sums that a checkpoint has to save."""
         return {"work": self.work, "dissipated": self.dissipated}
 
     def restore(self, sums):
-        """Go on from these sums."""
+        """Continue from these sums."""
         self.work, self.dissipated = sums["work"], sums["dissipated"]
 
     def _total(self, form):
         return self.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM)
 
     def on_solved(self):
-        """Dissipated power, while the mesh is where the velocity was solved for."""
+        """Compute the dissipated power on the mesh on which the velocity was solved."""
         self.power = self.workpiece.power()
 
     def row(self, force, dt):
-        """Add a step in which the drive pushed with a force; columns of the history."""
+        """Add a step with the force of the drive; return columns of the history."""
         self.work += force * self.speed * dt
         self.dissipated += self.power * dt
         elastic = sum(map(self._total, self.elastic))
@@ -107,11 +107,11 @@ class Energy:
 
 
 class Record:
-    """Strain, balances and energies of a run, its history, and with --output fields and checkpoint.
+    """Record of strain, balances, energies and history; with --output also fields and a checkpoint.
 
     Args:
         comm: Communicator.
-        p: Parameters; with ``restart`` the run goes on from the checkpoint.
+        p: Parameters; with ``restart`` the run continues from the checkpoint.
         scene: What :func:`forging.build` returns.
         t_end: Time at which the run ends.
         speed: Velocity of the drive.
@@ -121,7 +121,7 @@ class Record:
         work, dies, self.contacts, _, self.stepper = scene
         self.volume, self.iterations, self.imbalance = self.stepper.motions[0].volume(), 0, 0.0
         space = fem.functionspace(work.mesh, ("DG", 0))
-        #: Equivalent strain of the workpiece, a number a cell.
+        #: Equivalent strain of the workpiece, one value per cell.
         self.strain, self.rate = fem.Function(space), fem.Function(space)
         self.expression = fem.Expression(work.rate, interpolation_points(space))
         self.energy = Energy(work, dies, self.contacts, speed)
@@ -131,7 +131,7 @@ class Record:
         if p.restart:
             self.energy.restore(qs.load_run(self.stepper, self.checkpoint, self.functions))
         self.output = Output(comm, p.output, t_end, p.verbose, after=self.stepper.num_steps)
-        #: On which sides of the contacts workpiece and dies are.
+        #: Sides of the contacts of workpiece and dies.
         self.sides = ("master", "slave") if p.swap else ("slave", "master")
         self.add_fields(work, dies, *self.sides)
 
@@ -149,12 +149,12 @@ class Record:
             self.output.add_fields(f"{name}_die", die.mesh, fields, sources)
 
     def on_solved(self):
-        """Rates, while the mesh is where the velocity was solved for."""
+        """Compute rates on the mesh on which the velocity was solved."""
         self.rate.interpolate(self.expression)
         self.energy.on_solved()
 
     def add_step(self):
-        """Add what a step has changed. Collective."""
+        """Add the results of a step. Collective."""
         for contact in self.contacts:
             forces = contact.force("slave"), contact.force("master")
             unbalanced = np.linalg.norm(forces[0] + forces[1]) / np.linalg.norm(forces[0])
@@ -167,7 +167,7 @@ class Record:
             qs.save_run(self.stepper, self.checkpoint, self.functions, self.energy.sums())
 
     def result(self):
-        """What --json writes, but for the time it took. Collective."""
+        """Return the results for --json, without the run time. Collective."""
         side = self.sides[1]
         return {
             "forming_force": 4 * abs(self.contacts[1].force(side)[2]),
@@ -179,5 +179,5 @@ class Record:
         }
 
     def close(self):
-        """End the files."""
+        """Close the files."""
         self.output.close()

@@ -1,4 +1,4 @@
-"""Picture of a forging: pressure on the lower die under three contact formulations.
+"""Draw the pressure on the lower die of a forging with three contact formulations.
 
 python3 demos/forging_plot.py --die-refinement 4 forging.png
 """

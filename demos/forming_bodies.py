@@ -1,4 +1,4 @@
-"""Bodies of the forming demos: Norton-Hoff ones in velocities, quarter cylinders."""
+"""Bodies of the forming demos: velocity-based Norton-Hoff bodies, quarter cylinders."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from common.bodies import gmsh_mesh, integral
 
 
 class NortonHoff:
-    """A Norton-Hoff body, with the MINI element in velocity and pressure.
+    """A Norton-Hoff body, with the MINI element for velocity and pressure.
 
     Args:
         msh: Mesh; in 2D half a section along the axis.
@@ -42,23 +42,23 @@ class NortonHoff:
         return integral(self.mesh, f * weight * ufl.Measure("dx", self.mesh, metadata=metadata))
 
     def power(self):
-        """What the body dissipates. Collective."""
+        """Compute the power that the body dissipates. Collective."""
         return self.integral(ufl.inner(self.stress, self.strain_rate))
 
     def volume(self):
-        """Its volume. Collective."""
+        """Compute the volume of the body. Collective."""
         return self.integral(fem.Constant(self.mesh, 1.0))
 
 
 def quarter_cylinder(comm, radius, bottom, height, size):
-    """Tetrahedra of a quarter of a cylinder, x, y ≥ 0.
+    """Mesh a quarter of a cylinder, x, y ≥ 0, with tetrahedra.
 
     Args:
         comm: Communicator.
-        radius: Of the cylinder.
+        radius: Radius of the cylinder.
         bottom: Its lowest z.
-        height: Along z.
-        size: Of the cells, at most; or gmsh's formula for it.
+        height: Height along z.
+        size: Largest size of the cells; or a formula of gmsh for the size.
     """
 
     def draw(gmsh):
@@ -77,7 +77,7 @@ def quarter_cylinder(comm, radius, bottom, height, size):
 
 
 def cylinder(comm, dim, radius, height):
-    """In 2D half a meridian section of a cylinder, in 3D a quarter of it, in a few cells."""
+    """Mesh half a meridian section of a cylinder (2D), or a quarter of it (3D), in a few cells."""
     if dim == 2:
         return mesh.create_rectangle(comm, [[0, 0], [radius, height]], [6, 9])
     return quarter_cylinder(comm, radius, 0, height, 3.0)

@@ -1,23 +1,23 @@
 """Hertz contact: a cylinder or sphere on a block, and two cylinders, against the closed form.
 
 E = 200 and ν = 0.3 everywhere, plane strain in 2D, radius R = 8, and a load of 10, applied as a
-pressure on the flats. Symmetry planes cut the bodies in half (2D) or in four (3D); the block is
-20 × 20 (× 20) and held at its bottom. Meshes are graded to h at the contact on the master and
-ratio × h on the slave, the round body; --swap makes the round body the master. Of two cylinders the
-upper one is the slave, with h, and the ratio (1.3 by default) is the master's.
+pressure on the flats. By symmetry, half (2D) or a quarter (3D) of the bodies is modelled; the block
+is 20 × 20 (× 20) and held at its bottom. At the contact cells have the size h on the master and
+ratio × h on the slave, the round body; --swap makes the round body the master. With two cylinders
+the upper one is the slave, with cells of h, and the master has ratio × h (ratio 1.3 by default).
 
     python3 demos/hertz.py --h 0.025 --ratio 3
     mpirun -n 2 python3 demos/hertz.py --dim 3 --h 0.1 --json result.json
     python3 demos/hertz.py --plot hertz.png
 
-All errors are relative, and of the traction recovered from the contact forces, t_k = f_k / S_k:
+All errors are relative, for the traction recovered from the contact forces, t_k = f_k / S_k:
 
 - peak_error: largest nodal pressure against p0;
 - l2_error: (Σ S_k (t_k − p(x_k))² / Σ S_k p(x_k)²)^½ over the nodes with |x_k| ≤ 1.6 a; with
   --integral the integral of the squared difference of the functions instead, of which about 1 % at
-  h = 0.025 is that functions of degree 1 cannot follow Hertz's square root;
-- radius_error: of the radius that the area of the closed slave nodes gives;
-- force_error: of the contact force.
+  h = 0.025 is interpolation error: functions of degree 1 cannot represent Hertz's square root;
+- radius_error: error of the contact radius, computed from the area of the active slave nodes;
+- force_error: error of the contact force.
 """
 
 import dataclasses
@@ -47,20 +47,20 @@ class Parameters:
 
     dim: int = option(2, choices=(2, 3))
     case: str = option("block", choices=("block", "cylinders"))
-    h: float = option(0.05, "size of the cells at the contact")
-    ratio: float | None = option(None, "size of the coarser (or finer) side in h")
+    h: float = option(0.05, "size of the cells in the contact zone")
+    ratio: float | None = option(None, "cell size of the coarser (or finer) side over h")
     swap: bool = option(False, "exchange slave and master")
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
-    enforcement: str = option("penalty", "as accurate here, and faster")
+    enforcement: str = option("penalty", "the default is as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     normals: str | None = option(None)
     constraints: str | None = option(None)
-    integral: bool = option(False, "l2_error of the function t")
+    integral: bool = option(False, "integrate l2_error as a function")
 
 
 def build(comm, p):
-    """Closed form, slave, master, contact and problem."""
+    """Build closed form, slave, master, contact and problem."""
     hertz = Hertz(p.dim, p.case)
     if p.case == "cylinders":
         shapes, sizes = ("round", "round"), (p.h, (p.ratio or 1.3) * p.h)
@@ -94,7 +94,7 @@ def build(comm, p):
 
 
 def errors(hertz, body, traction, integrated=False):
-    """Relative errors of the peak pressure and of the pressure in L2, see above. Collective."""
+    """Compute the relative errors of the peak pressure and of the pressure in L2. Collective."""
     surface, dim = body.surface, body.dim
     pressure = -np.sum(surface.node_values(traction) * surface.node_normal[:, :dim], axis=1)
     peak = surface.comm.allreduce(np.max(pressure, initial=0.0), op=MPI.MAX)
@@ -112,7 +112,7 @@ def errors(hertz, body, traction, integrated=False):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve; returns what --json writes, and what build() does."""
+    """Solve; return the results for --json, and what build() returns."""
     scene = hertz, slave, master, contact, problem = build(comm, p)
     clock = Clock(comm)
     problem.solve()

@@ -1,4 +1,4 @@
-"""Elastic bodies with a round or a flat side in contact, and closed forms for them."""
+"""Elastic bodies with a round or a flat contact surface, and closed forms for them."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ E_STAR = E / (2 * (1 - NU**2))
 class Hertz:
     """The closed form: half width or radius of the contact, and pressure.
 
-    Of a block a = 0.9628, p0 = 6.612 in 2D and a = 0.8173, p0 = 7.147 in 3D; of two cylinders
+    With a block a = 0.9628, p0 = 6.612 in 2D and a = 0.8173, p0 = 7.147 in 3D; with two cylinders
     a = 0.6808, p0 = 9.351.
     """
 
@@ -30,12 +30,12 @@ class Hertz:
             self.p0 = 3 * LOAD / (2 * np.pi * self.a**2)
 
     def pressure(self, r, sqrt=np.sqrt, larger=np.maximum):
-        """Pressure at a distance from the middle, numbers or UFL."""
+        """Return the pressure at a distance from the middle, numbers or UFL."""
         return self.p0 * sqrt(larger(1 - (r / self.a) ** 2, 0))
 
 
 class CattaneoMindlin:
-    """The closed form of partial slip of the two cylinders.
+    """The closed form for partial slip of two cylinders.
 
     Args:
         mu: Coefficient of friction.
@@ -55,7 +55,7 @@ class CattaneoMindlin:
 
 
 def create_mesh(comm, shape, sign, dim, h, a):
-    """Part of a body with positive coordinates, apart from the last one; or a half disc.
+    """Mesh the part of a body with positive coordinates, except the last one; or a half disc.
 
     Args:
         comm: Communicator.
@@ -97,9 +97,9 @@ def create_mesh(comm, shape, sign, dim, h, a):
 
 
 def create_half_discs(comm, sizes, a):
-    """The upper and the lower half disc, with cells of these sizes at a contact of half width a.
+    """Create the upper and the lower half disc, with given cell sizes at a contact of half width a.
 
-    The lower one is held at points, which takes no force.
+    The lower half disc is held at points, which carry no force.
     """
     upper, lower = (
         Body(create_mesh(comm, "half disc", sign, 2, h, a), "half disc", sign)
@@ -122,7 +122,7 @@ class Body:
         up = self.dim - 1
         symmetric = range(up if shape != "half disc" else 0)
         self.bcs = [fix(self.V, axis, facets_at(msh, axis, 0.0)) for axis in symmetric]
-        #: Number of parts that symmetry leaves one of.
+        #: Number of symmetric parts, one of which is modelled.
         self.parts = 2 ** len(symmetric)
         self.far = facets_at(msh, up, sign * (SIZE if shape == "block" else R))
         if shape == "block":
@@ -143,7 +143,7 @@ class Body:
         self.bcs += [fix(self.V, axis, self.far) for axis in range(self.dim)]
 
     def pin(self, axis, *point):
-        """Hold one point along an axis, which is in balance without it."""
+        """Hold one point along an axis in which the loads balance."""
         component = self.V.sub(axis), self.V.sub(axis).collapse()[0]
         dofs = fem.locate_dofs_geometrical(
             component,
@@ -152,18 +152,18 @@ class Body:
         self.bcs.append(fem.dirichletbc(fem.Function(component[1]), dofs, component[0]))
 
     def press(self, sign):
-        """Load the far side by a uniform pressure, LOAD in total of the whole body."""
+        """Load the far side by a uniform pressure, LOAD in total on the whole body."""
         pressure = per_area(self.mesh, LOAD / self.parts, self.far_ds)
         self.F += sign * pressure * self.v[self.dim - 1] * self.far_ds
 
     def press_and_shear(self, force, tilting):
         """Load the flat of a half disc by a pressure, and by a traction along x.
 
-        The latter is a uniform one, this force in total, against that of the other body. With it
-        comes a linear pressure that takes its moment about the contact, unless the body may tilt.
+        The traction is uniform, with the given total force, opposite to that of the other body. A
+        linear pressure balances its moment about the contact, unless the body may tilt.
 
         Returns:
-            Factor of the traction, 0 at first.
+            Load factor of the traction, 0 at first.
         """
         self.press(self.sign)
         factor = fem.Constant(self.mesh, 0.0)

@@ -3,21 +3,21 @@
 After Fischer & Wriggers (2006), Yastrebov (2013) and Poulios & Renard (2015). Plane strain,
 neo-Hookean quadrilaterals, ν = 0.3: a slab (E = 1, height 1, clamped at its bottom) with facets of
 --h, and an indenter (E = 10, about 1.6 × 0.8, lower edge of radius 4) with facets of ratio × h,
-which fit those of the slab nowhere. The indenter's top is displaced by --depth downwards, and then
-dragged along the slab, with Coulomb friction. The indenter is the slave (--swap: the slab is).
+which match those of the slab nowhere. The indenter's top is displaced downwards by --depth, and
+then dragged along the slab, with Coulomb friction. The indenter is the slave (--swap: the slab).
 
     python3 demos/ironing.py --formulation quasi-symmetric --json ironing.json
     mpirun -n 2 python3 demos/ironing.py --quadrature nodal --formulation master-slave
     python3 demos/ironing.py --plot ironing.png
 
-The plateau is the last 12 facets of the slide, after some 4 in which everything starts to slip. Its
-number of steps has no divisor in common with 12, so that each samples another place of the facet.
-(Fx, Fy) is the force on the indenter's top. Keys of the JSON object:
+The plateau is the last 12 facets of the slide, after some 4 facets until full slip. Its number of
+steps is coprime to 12, so that each step ends at another position within a facet. (Fx, Fy) is the
+force on the indenter's top. Keys of the JSON object:
 
 - force_ratio_error: |mean of |Fx/Fy| over the plateau / μ − 1|;
 - force_oscillation: (largest − smallest Fx) / mean of Fx, over the plateau;
-- steps: made in all, --steps and what cutbacks add;
-- cutbacks: attempts that failed.
+- steps: total number of steps, --steps and those added by cutbacks;
+- cutbacks: number of failed attempts.
 """
 
 import dataclasses
@@ -48,18 +48,18 @@ class Parameters:
 
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
-    enforcement: str = option("penalty", "as accurate here, and faster")
+    enforcement: str = option("penalty", "the default is as accurate here, and faster")
     penalty: float | None = option(None, "ε, stress per length")
     mu: float = option(0.3)
-    h: float = option(0.1, "facets of the slab")
-    ratio: float = option(1.37, "facets of the indenter in h")
+    h: float = option(0.1, "facet size of the slab")
+    ratio: float = option(1.37, "facet size of the indenter over h")
     depth: float = option(0.06)
-    steps: int = option(119, "in all, pressing and run-in included")
-    facets: int = option(12, "facets of the slab that the plateau is long")
-    sliding: str = option("small", "finite: contact's geometry follows the bodies in a step")
-    constraints: str | None = option(None, "nodes or points; finite sliding has points")
-    swap: bool = option(False, "the slab is the slave")
-    output: str | None = option(None, "fields and history.csv", metavar="FOLDER")
+    steps: int = option(119, "number of steps, pressing and run-in included")
+    facets: int = option(12, "length of the plateau in facets of the slab")
+    sliding: str = option("small", "finite: contact geometry is updated in the step")
+    constraints: str | None = option(None, "nodes or points; finite sliding needs points")
+    swap: bool = option(False, "make the slab the slave")
+    output: str | None = option(None, "write fields, history.csv", metavar="FOLDER")
     verbose: bool = False
 
     def __post_init__(self):
@@ -74,7 +74,7 @@ class Parameters:
         """Steps of the run-in and of the plateau."""
         sliding = self.steps - PRESSING
         plateau = sliding * self.facets // (self.facets + RUN_IN)
-        if self.sliding == "finite":  # steps may be of several facets
+        if self.sliding == "finite":  # a step may slide by several facets
             plateau = min(max(plateau, 2), sliding - 1)
         while self.sliding == "small" and math.gcd(plateau, self.facets) > 1:
             plateau -= 1
@@ -84,7 +84,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Indenter, slab, contact, and the stepper, whose time counts steps."""
+    """Build indenter, slab, contact, and the stepper, whose time counts steps."""
     bodies = indenter, slab = create_bodies(comm, p.h, p.ratio, (RUN_IN + p.facets) * p.h)
     surfaces = [body.surface for body in bodies]
     contact = qs.Contact(
@@ -110,13 +110,13 @@ def build(comm, p):
 
 
 def on_plateau(p, rows):
-    """Columns of the rows of the plateau, and the row before it."""
+    """Return columns of the rows of the plateau, and of the row before it."""
     first = next(i for i, row in enumerate(rows) if row.t > PRESSING + p.plan()[0] + 1e-6)
     return columns(rows[first:]), rows[first - 1]
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Iron, calling ``on_step(row, scene)`` after each step; returns (JSON, all rows, scene)."""
+    """Iron; return (JSON, all rows, scene). Calls ``on_step(row, scene)`` after each step."""
     scene = *_, stepper = build(comm, p)
     record = Record(comm, p, scene)
     for end in np.cumsum([PRESSING, *p.plan()]):
@@ -125,7 +125,7 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
             if on_step is not None:
                 on_step(record.rows[-1], scene)
     record.close()
-    slide, _ = on_plateau(p, record.rows)  # means are over the slide, whatever the steps
+    slide, _ = on_plateau(p, record.rows)  # means over the slide, independent of the steps
     ratio, mean = (np.average(f, weights=slide.dt) for f in (np.abs(slide.fx / slide.fy), slide.fx))
     result = {
         "force_ratio_error": float(abs(ratio / p.mu - 1)),

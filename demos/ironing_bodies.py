@@ -17,7 +17,7 @@ DX = ufl.dx(degree=3)
 E_SLAB, E_INDENTER, NU = 1.0, 10.0, 0.3
 HEIGHT = 1.0  # of the slab
 WIDTH, THICKNESS, RADIUS = 1.6, 0.8, 4.0  # of the indenter and its edge
-MARGIN = 3.0  # of the slab beside the indenter, at the start and at the end
+MARGIN = 3.0  # length of the slab beside the indenter, at the start and at the end
 
 
 class Body:
@@ -27,9 +27,9 @@ class Body:
         comm: Communicator.
         E: Young's modulus.
         n: Cells along x and y.
-        corners: The lower left and the upper right one.
-        shape: Where x, y go.
-        contact: Which edge is in contact: 0 the lower, 1 the upper.
+        corners: The lower left and the upper right corner.
+        shape: Maps x, y to the shape.
+        contact: Edge in contact: 0 the lower, 1 the upper.
     """
 
     def __init__(self, comm, E, n, corners, shape, contact):
@@ -43,7 +43,7 @@ class Body:
         self.F = ufl.inner(self.stress, ufl.grad(ufl.TestFunction(V))) * DX
         self._energy = fem.form(qs.materials.neo_hookean_energy(self.u, *lame) * DX)
         self.surface = qs.Surface(V, facets=edges[contact])
-        #: Of the edge that is held, and the force there.
+        #: Displacement of the held edge, and the force there.
         self.displacement = fem.Constant(msh, (0.0, 0.0))
         self.reaction = Reaction(self.F, V, edges[1 - contact])
         held = fem.locate_dofs_topological(V, 1, edges[1 - contact])
@@ -55,12 +55,12 @@ class Body:
 
 
 def create_bodies(comm, h, ratio, slide):
-    """The indenter, where its slide begins, and the slab.
+    """Create the indenter, at the start of its slide, and the slab.
 
     Args:
         comm: Communicator.
-        h: Facets of the slab.
-        ratio: Facets of the indenter in h.
+        h: Facet size of the slab.
+        ratio: Facet size of the indenter over h.
         slide: Length of the slide.
     """
     n = math.ceil((slide + WIDTH + 2 * MARGIN) / h)
@@ -74,7 +74,7 @@ def create_bodies(comm, h, ratio, slide):
     )
     start = (n * h - slide) / 2
     m = round(WIDTH / (ratio * h))
-    width = m * ratio * h  # facets of just that size, and nearly WIDTH
+    width = m * ratio * h  # facets of exactly this size; nearly WIDTH
 
     def rounded(x, y):
         low = RADIUS - np.sqrt(RADIUS**2 - x**2)

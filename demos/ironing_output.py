@@ -1,4 +1,4 @@
-"""What the ironing demo measures and keeps: forces and energies, and files."""
+"""Results of the ironing demo: forces, energies, and files."""
 
 import typing
 
@@ -10,11 +10,11 @@ from common.output import Output
 
 
 class Row(typing.NamedTuple):
-    """Where the run is after a step; force and work are those of the indenter's top."""
+    """State after a step; force and work are those of the indenter's top."""
 
-    t: float  # steps, if none is cut back
+    t: float  # equals the number of steps, if none is cut back
     dt: float
-    slide: float  # in facets of the slab
+    slide: float  # displacement in facets of the slab
     fx: float
     fy: float
     work: float
@@ -28,7 +28,7 @@ def columns(rows):
 
 
 class Record:
-    """Forces and energies of a run, a row a step, and with --output its history and fields.
+    """Record of forces and energies, one row per step; with --output also history and fields.
 
     Args:
         comm: Communicator.
@@ -47,7 +47,7 @@ class Record:
             self.output.add_fields(name, body.mesh, fields, self.contact.field_sources(side))
 
     def add_step(self):
-        """Add a row; work is found with the trapezoidal rule. Collective."""
+        """Add a row; the work is computed with the trapezoidal rule. Collective."""
         now = np.append(self.indenter.reaction(), self.indenter.displacement.value)
         self.work += 0.5 * (now + self.last)[:2] @ (now - self.last)[2:]
         self.last = now
@@ -58,5 +58,5 @@ class Record:
         self.output.write(t, qs.step_row(self.stepper) | self.rows[-1]._asdict())
 
     def close(self):
-        """End the files."""
+        """Close the files."""
         self.output.close()

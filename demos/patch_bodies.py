@@ -1,4 +1,4 @@
-"""Bodies of the patch test, see patch_test.py: meshes, materials, conditions and stresses."""
+"""Bodies of the patch test (patch_test.py): meshes, materials, conditions and stresses."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from common.bodies import measure
 from common.measures import mean_and_max
 
 E_MASTER, E_SLAVE = 3e4, 1.3e4  # Young's moduli of the elastic cubes
-VISCOSITY = 200.0  # of both Newtonian cubes, stress × time
-STRESS = -65.0  # exact, across planes that were horizontal
+VISCOSITY = 200.0  # viscosity of both Newtonian cubes, stress × time
+STRESS = -65.0  # exact normal stress on planes that are horizontal before rotation
 
 
 class Elastic:
@@ -44,7 +44,7 @@ class Elastic:
 
 
 class Newtonian:
-    """Incompressible Newtonian fluid, in velocities and pressure.
+    """Incompressible Newtonian fluid, with velocities and pressure.
 
     Args:
         K: Viscosity.
@@ -84,10 +84,10 @@ MATERIALS = {  # of the master and the slave
 
 
 def check(material, cell, overhang):
-    """Refuse what the test is not made for.
+    """Refuse parameters that the test does not support.
 
     Raises:
-        ValueError: With the option and the reason.
+        ValueError: For an unsupported parameter, with the option and the reason.
     """
     if material not in MATERIALS:
         raise ValueError(f"--material: must be one of {', '.join(MATERIALS)}")
@@ -104,7 +104,7 @@ def check(material, cell, overhang):
 
 
 def create_block(comm, n, cell, low, high, jitter, rng):
-    """Block on the unit square of n × n cells in layers of height 1.
+    """Create a block on the unit square with n × n cells in layers of height 1.
 
     The nodes at height 1, inside the block or on its end, are moved in their plane.
 
@@ -114,7 +114,7 @@ def create_block(comm, n, cell, low, high, jitter, rng):
         cell: Cell type.
         low: Height of the bottom.
         high: Height of the top.
-        jitter: Largest distance of a node from its place, in units of the cell size.
+        jitter: Largest displacement of a node from its regular position, in units of the cell size.
         rng: Random generator, in the same state on all ranks.
     """
     kind = mesh.CellType[cell]
@@ -123,7 +123,7 @@ def create_block(comm, n, cell, low, high, jitter, rng):
     create = mesh.create_rectangle if gdim == 2 else mesh.create_box
     block = create(comm, corners, [n] * (gdim - 1) + [round(high - low)], kind)
 
-    # One shift per lattice point, whichever ranks have the node.
+    # One shift per lattice point, independent of the ranks that have the node.
     length = jitter / n * np.sqrt(rng.random((n + 1, n + 1)))
     angle = 2 * np.pi * rng.random((n + 1, n + 1))
     x = block.geometry.x
@@ -137,7 +137,7 @@ def create_block(comm, n, cell, low, high, jitter, rng):
 
 
 def rotation(degrees, gdim):
-    """Matrix that turns by an angle, in 3D about the axis (1, 1, 0)."""
+    """Return the rotation matrix for an angle, in 3D about the axis (1, 1, 0)."""
     angle = np.deg2rad(degrees)
     if gdim == 2:
         plane = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -150,12 +150,12 @@ class Body:
     """A block with its conditions; unknowns are displacements, or velocities and pressure.
 
     Args:
-        block: Mesh in its place before it is turned.
+        block: Mesh in its position before the rotation.
         material: Its material.
         low: Height of the bottom.
         high: Height of the top.
-        left: Where the block begins along x.
-        rotate: Angle to turn it by, in degrees.
+        left: Smallest x of the block.
+        rotate: Rotation angle in degrees.
     """
 
     def __init__(self, block, material, low, high, left=0.0, rotate=0.0):
@@ -193,7 +193,7 @@ class Body:
         self.bcs = []
 
     def set_exact(self, offset):
-        """The uniform solution, given its value at height 0 if the body went that far."""
+        """Set the uniform solution, given its value at height 0 (also outside the body)."""
         strain = self.material.strain(self.gdim)
         gradient = self.turn @ np.diag(strain) @ self.turn.T
 
@@ -204,7 +204,7 @@ class Body:
         self.lid.value = offset + strain[self.up] * self.high
 
     def slide(self, axis, facets, value=0.0, but=()):
-        """Displacement or velocity along an axis, on facets but not where they meet others."""
+        """Prescribe the unknown along an axis, on facets except where they meet others."""
         V = self.V.sub(axis)
         on, off = (
             fem.locate_dofs_topological(V, self.up, np.asarray(f, dtype=np.int32))
@@ -213,7 +213,7 @@ class Body:
         return fem.dirichletbc(value, np.setdiff1d(on, off), V)
 
     def prescribe(self, dim, entities):
-        """The exact displacement or velocity."""
+        """Prescribe the exact displacement or velocity."""
         if self.exact.function_space is self.V:
             return fem.dirichletbc(self.exact, fem.locate_dofs_topological(self.V, dim, entities))
         spaces = (self.V, self.exact.function_space)
@@ -226,7 +226,7 @@ class Body:
         self.F -= STRESS * ufl.dot(normal, self.test) * measure(self.mesh, self.top)
 
     def interface_stress(self):
-        """Mean normal stress of each owned cell with a facet at height 1."""
+        """Compute the mean normal stress of each owned cell with a facet at height 1."""
         n = ufl.as_vector(self.normal)
         q = ufl.TestFunction(fem.functionspace(self.mesh, ("DG", 0)))
         force = fem.assemble_vector(fem.form(ufl.dot(n, self.stress * n) * q * ufl.dx)).array
@@ -239,7 +239,7 @@ class Body:
 
 
 def create_cubes(comm, p):
-    """The master below and the slave above, of which the parameters say cells, place and material.
+    """Create the master below and the slave above, with the cells, position and material given.
 
     Args:
         comm: Communicator.
@@ -255,30 +255,30 @@ def create_cubes(comm, p):
 
 
 def set_conditions(bodies, load, rotate):
-    """Conditions and load of a stack of bodies, the lowest first."""
+    """Set conditions and load of a stack of bodies, the lowest first."""
     lower, upper = bodies[0], bodies[-1]
     if load == "pressure":
         upper.press()
     if rotate == 0:
         lower.bcs.append(lower.slide(lower.up, lower.bottom))
         for body in bodies:
-            # A multiplier on a slave's node with a condition acts on the nodes beside it alone.
-            # At a stiff penalty, where fluids would flow sideways between nodes, such multipliers
-            # are larger than the pressure. So the tie holds these nodes, to a master that is held.
+            # A multiplier at a slave node with a condition acts only on neighbouring nodes. With a
+            # stiff penalty, when fluids would flow sideways between nodes, such multipliers are
+            # larger than the pressure. Therefore the tie holds these nodes, to a held master.
             but = body.interface if body.tied_edges else ()
             body.bcs += [body.slide(*side, but=but) for side in body.sides]
         if load == "displacement":
             upper.bcs.append(upper.slide(upper.up, upper.top, upper.lid))
         return
-    # Conditions along one axis alone are none of DOLFINx: the exact solution, where it holds the
-    # bodies and does not disturb the uniform stress.
+    # DOLFINx has no conditions along one rotated axis. Prescribe the exact solution, where it holds
+    # the bodies and does not disturb the uniform stress.
     lower.bcs.append(lower.prescribe(lower.up, lower.bottom))
     held = (upper.up, upper.top) if load == "displacement" else (0, upper.corners)
     upper.bcs.append(upper.prescribe(*held))
 
 
 def set_exact(master, slave, gap):
-    """The uniform solution in both cubes, of which the upper one has moved by this gap as well."""
+    """Set the uniform solution in both cubes; the upper cube also moves by the given gap."""
     up, gdim = slave.up, slave.gdim
     strain = master.material.strain(gdim)[up] - slave.material.strain(gdim)[up]
     master.set_exact(0.0)
@@ -286,13 +286,13 @@ def set_exact(master, slave, gap):
 
 
 def reference_stress(comm, p):
-    """Mean stress at the interface: of elastic cubes the analytical one, else that of one body.
+    """Return the mean stress at the interface: analytical for elastic cubes, else of a single body.
 
-    The body is the union of the two cubes, on the mesh of the master, under the same load.
+    The single body is the union of the two cubes, on the mesh of the master, under the same load.
     """
     if p.material == "elastic":
         return STRESS
-    rng = np.random.default_rng(p.seed)  # as the master's: the same nodes at height 1
+    rng = np.random.default_rng(p.seed)  # same seed as the master: the same nodes at height 1
     union = create_block(comm, p.master, p.cell, 0.0, 2.0, p.jitter, rng)
     body = Body(union, MATERIALS[p.material][0], 0.0, 2.0, 0.0, p.rotate)
     set_conditions((body,), p.load, p.rotate)

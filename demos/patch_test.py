@@ -5,13 +5,13 @@ together. The lower one is the master, the upper one the slave. The normal displ
 the bottom, and the tangential ones are zero on the planes x = 0 and y = 0, so that the exact
 solution is the uniform stress −65.
 
-Elastic, cases 1 and 2: E = 3e4 of the master and 1.3e4 of the slave, ν = 0. Newtonian, cases 3
-and 4: incompressible, viscosity K = 200, in velocities and pressure (MINI element) with Δt = 1; the
-other sides are free to move outwards. The reference is the stress in one body on a mesh of the
-height of both.
+Elastic, cases 1 and 2: E = 3e4 for the master and 1.3e4 for the slave, ν = 0. Newtonian, cases 3
+and 4: incompressible, viscosity K = 200, with velocities and pressure (MINI element) and Δt = 1;
+the other sides are free to move outwards. The reference is the stress in a single body that fills
+both cubes.
 
-Without arguments all cases are solved with master-slave and quasi-symmetric contact, and a table
-is printed beside the paper's. With arguments one case is solved:
+Without arguments all cases are solved with master-slave and quasi-symmetric contact, and the
+results are printed beside those of the paper. With arguments one case is solved:
 
     python3 demos/patch_test.py --master 8 --slave 3 --cell hexahedron --formulation master-slave
     mpirun -n 2 python3 demos/patch_test.py --load displacement --jitter 0.25 --json result.json
@@ -37,7 +37,7 @@ from common.command import Command, count, option, report, seed, shift, stiffnes
 from common.measures import Clock, mean_and_max
 from patch_bodies import MATERIALS, STRESS, reference_stress
 
-# What a finer master does at nodes is what is measured here.
+# This demo measures the error of nodal sampling with a finer master, so ignore its warning.
 warnings.filterwarnings("ignore", "quadrature: ", qs.ContactWarning)
 
 CELLS = ("tetrahedron", "hexahedron", "triangle", "quadrilateral")
@@ -50,18 +50,18 @@ class Parameters:
     """One patch test; lengths in units of the cubes' edges."""
 
     master: int = option(5, "cells along an edge of the master's interface", type=count)
-    slave: int = option(3, "the same of the slave's", type=count)
+    slave: int = option(3, "cells along an edge of the slave's interface", type=count)
     cell: str = option("tetrahedron", choices=CELLS)
     jitter: float = option(0.0, "move interior interface nodes by up to F × h", type=shift)
-    seed: int = option(0, "of the jitter", type=seed)
+    seed: int = option(0, "seed of the jitter", type=seed)
     formulation: str = option("quasi-symmetric")
-    load: str = option("pressure", "of Newtonian cubes: a velocity", choices=LOADS)
+    load: str = option("pressure", "displacement: a velocity for fluids", choices=LOADS)
     contact: str = option("tied", choices=tuple(LAWS))
     penalty: float | str = option("auto", "ε, stress per length", type=stiffness)
     quadrature: str = option("nodal", "where the gap is sampled")
-    quadrature_degree: int | None = option(None, "of the rule on the overlay's pieces", type=count)
+    quadrature_degree: int | None = option(None, "degree of the rule on segments", type=count)
     enforcement: str = option("penalty")
-    rotate: float = option(0.0, "turn everything; about (1, 1, 0) in 3D", metavar="DEGREES")
+    rotate: float = option(0.0, "rotate everything; 3D: about (1, 1, 0)", metavar="DEGREES")
     overhang: float = option(0.0, "shift the slave along x", metavar="FRACTION")
     material: str = option("elastic", choices=tuple(MATERIALS))
 
@@ -70,7 +70,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """The two cubes, their contact and the problem."""
+    """Build the two cubes, their contact and the problem."""
     master, slave = patch_bodies.create_cubes(comm, p)
     slave.tied_edges = p.material == "newtonian" and p.contact == "tied"
     patch_bodies.set_conditions((master, slave), p.load, p.rotate)
@@ -98,7 +98,7 @@ def build(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve one patch test; returns what --json writes, and the contact."""
+    """Solve one patch test; return the results for --json, and the contact."""
     clock = Clock(comm)
     master, slave, contact, problem = build(comm, p)
     problem.solve()

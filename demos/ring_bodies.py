@@ -18,7 +18,7 @@ class Ring(NortonHoff):
 
     Args:
         comm: Communicator.
-        cells: Across the wall.
+        cells: Cells across the wall.
         slow: Strain rate below which the viscosity is regularised.
     """
 
@@ -28,8 +28,8 @@ class Ring(NortonHoff):
         msh = mesh.create_rectangle(comm, corners, [cells, rows], diagonal=crossed)
         super().__init__(msh, K, M, slow)
         self.lower, self.upper = (self.surface(facets_at(msh, 1, z)) for z in (0.0, HEIGHT))
-        #: What may fold on to a die: the inner and the outer side without the facets next to the
-        #: faces. With these the edges would have more area than touches the die.
+        #: Surface that may fold on to a die: inner and outer side without the facets next to the
+        #: faces. With these facets the edges would have more area than is in contact with the die.
         self.sides = self.surface(
             mesh.locate_entities_boundary(msh, 1, lambda x: (x[1] > 1e-6) & (x[1] < HEIGHT - 1e-6))
         )
@@ -38,7 +38,7 @@ class Ring(NortonHoff):
         self._middle = [np.flatnonzero(middle & np.isclose(r, radius)) for radius in (INNER, OUTER)]
 
     def radii(self):
-        """Inner and outer radius at mid height over their initial values. Collective."""
+        """Return inner and outer radius at mid height over their initial values. Collective."""
         local = [self.mesh.geometry.x[nodes, 0].max(initial=0.0) for nodes in self._middle]
         inner, outer = (self.mesh.comm.allreduce(radius, op=MPI.MAX) for radius in local)
         return inner / INNER, outer / OUTER

@@ -1,10 +1,10 @@
-"""Ring compression test: a ring between two flat dies, whose inner diameter tells the friction.
+"""Ring compression test: a ring between two flat dies; its inner diameter measures friction.
 
 The ring has the proportions 6:3:2 of outer diameter, inner diameter and height (30, 15 and 10 mm).
-It is a Norton-Hoff body in velocities, axisymmetric, with the MINI element, between rigid dies, of
-which the upper one comes down with constant velocity V. Only contact holds the ring. Friction
-factors are of the flow stress at the nominal strain rate, V over the height. Without friction every
-point moves with r √(h₀/h), and so does the inner radius.
+It is a velocity-based Norton-Hoff body, axisymmetric, with the MINI element, between rigid dies.
+The upper die moves down with constant velocity V. Only contact holds the ring. Friction factors
+refer to the flow stress at the nominal strain rate, V over the height. Without friction the radius
+r of each point becomes r √(h₀/h), also the inner radius.
 
     python3 demos/ring_compression.py --friction tresca --m-bar 0.4 --json ring.json
     python3 demos/ring_compression.py --table
@@ -14,13 +14,13 @@ point moves with r √(h₀/h), and so does the inner radius.
 --table prints the change of the inner diameter over the reduction for several friction factors
 (Tresca). Keys of the JSON object, at the end of the compression:
 
-- inner_radius, outer_radius: at mid height, over their initial values;
-- inner_radius_error: of the inner radius against r √(h₀/h), relative and signed: without friction
-  an error, with friction what friction does;
-- force: on the upper die (N);
-- dissipated_energy: that friction took, of both dies (N mm);
-- volume_change: relative;
-- steps, snes_iterations.
+- inner_radius, outer_radius: radii at mid height over their initial values;
+- inner_radius_error: relative difference, with sign, of the inner radius to r √(h₀/h): an error
+  without friction, the effect of friction with it;
+- force: force on the upper die (N);
+- dissipated_energy: energy dissipated by friction at both dies (N mm);
+- volume_change: relative change of volume;
+- steps, snes_iterations: their numbers.
 """
 
 import dataclasses
@@ -52,22 +52,22 @@ class Parameters:
 
     friction: str = option("none", choices=FRICTIONS)
     mu: float = option(0.3, "Coulomb's coefficient")
-    m_bar: float = option(0.3, "friction factor, of shear yield stress")
-    alpha: float = option(0.3, "of Norton's law, of the consistency")
+    m_bar: float = option(0.3, "friction factor: share of the shear yield stress")
+    alpha: float = option(0.3, "factor of the consistency in Norton's law")
     reduction: float = option(0.5)
     num_steps: int = option(25, name="--steps")
-    cells: int = option(8, "across the wall")
+    cells: int = option(8, "cells across the wall")
     verbose: bool = False
 
 
 def build(comm, p):
-    """Ring, contacts and the stepper."""
+    """Build ring, contacts and the stepper."""
     ring = Ring(comm, p.cells, slow=1e-3 * SPEED / HEIGHT)
     lower = qs.RigidSurface.plane(comm, [0, 0], [0, 1])
     upper = qs.RigidSurface.plane(comm, [0, HEIGHT], [0, -1])
     dt = p.reduction * HEIGHT / SPEED / p.num_steps
     friction = Friction(p, ring.mesh, K, M)
-    # Gaps of nodes from a plane are exact, and nodes of a side that folds on to it see it at once.
+    # Gaps of nodes to a plane are exact, and nodes of a side that folds on to it are found at once.
     options = {"quadrature": "nodal", "unknown": "velocity", "dt": dt}
     contacts = [
         qs.Contact(surface, die, friction=friction.law(), **options)
@@ -87,11 +87,11 @@ def build(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Compress; ``on_step(ring, contacts, stepper)`` is called after each step.
+    """Compress the ring; ``on_step(ring, contacts, stepper)`` is called after each step.
 
     Returns:
-        What --json writes; the history, one row a step, with the energies so far: the work of the
-        dies is what the ring dissipates and what friction takes; and the ring.
+        The results for --json; the history, one row per step, with the energies so far (the work of
+        the dies is the sum of the dissipation in the ring and by friction); and the ring.
     """
     scene = ring, _, stepper = build(comm, p)
     t_end = p.reduction * HEIGHT / SPEED
@@ -107,7 +107,7 @@ def run(p, comm=MPI.COMM_WORLD, on_step=None):
 
 
 def calibrate(p, factors=FACTORS, comm=MPI.COMM_WORLD):
-    """What run() returns for friction factors (Tresca), of which 0 is no friction."""
+    """Return what run() returns for each friction factor (Tresca); 0 is no friction."""
     laws = {factor: "tresca" if factor else "none" for factor in factors}
     return {
         factor: run(dataclasses.replace(p, friction=law, m_bar=factor, verbose=False), comm)
@@ -116,8 +116,8 @@ def calibrate(p, factors=FACTORS, comm=MPI.COMM_WORLD):
 
 
 def main():
-    command = Command(__doc__, Parameters, plot="the table and three rings as a picture")
-    command.add_switch("--table", "for several friction factors")
+    command = Command(__doc__, Parameters, plot="draw the table and three rings")
+    command.add_switch("--table", "print the table for several friction factors")
     p, a = command.parse()
     if a.table or a.plot:
         if a.json:

@@ -1,4 +1,4 @@
-"""What the ring compression test measures: radii, force, and where the work goes."""
+"""Results of the ring compression test: radii, force, and energy balance."""
 
 import qsdolfinx as qs
 
@@ -6,7 +6,7 @@ from ring_bodies import HEIGHT
 
 
 class Record:
-    """History of a run with radii and energies.
+    """Record of the history of a run, with radii and energies.
 
     Args:
         comm: Communicator.
@@ -26,11 +26,11 @@ class Record:
         self.stepper.on_solved = self.on_solved
 
     def on_solved(self):
-        """Dissipated power, while the mesh is where the velocity was solved for."""
+        """Compute the dissipated power on the mesh on which the velocity was solved."""
         self.power = self.ring.power()
 
     def add_step(self):
-        """Add a row: the dies' work is what the ring dissipates and friction takes. Collective."""
+        """Add a row: work of the dies, dissipation of the ring and of friction. Collective."""
         dt = self.stepper.last_dt
         self.force = sum(contact.force("slave")[1] for contact in self.contacts[2:])
         self.work -= self.force * self.speed * dt
@@ -49,7 +49,7 @@ class Record:
         self.history.add(qs.step_row(self.stepper) | self.last)
 
     def result(self):
-        """What --json writes, but for the error. Collective."""
+        """Return the results for --json, without the error. Collective."""
         return {
             "inner_radius": self.last["inner_radius"],
             "outer_radius": self.last["outer_radius"],
@@ -61,5 +61,5 @@ class Record:
         }
 
     def close(self):
-        """End the history."""
+        """Close the history."""
         self.history.close()

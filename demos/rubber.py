@@ -1,30 +1,30 @@
-"""Rubber that is rolled: an O-ring in its groove, and a sheet under a steel roller.
+"""Roll rubber: an O-ring in its groove, or a sheet under a steel roller.
 
 Plane strain, nearly incompressible neo-Hookean rubber (shear modulus 1, ν = 0.49); steel is rigid.
 
-oring: a section of radius 1, triangles of degree 2, in a groove 3 wide that fills it by 70 %. A lid
-comes down by a quarter of its height, and then goes to the right by --distance. Nothing but
-contact, with friction of 0.2 with the groove and the lid, holds the ring: it rolls.
+oring: a section of radius 1, triangles of degree 2, in a groove of width 3, which it fills by 70 %.
+A lid moves down by a quarter of the ring's height, and then to the right by --distance. The ring is
+held only by contact with the groove and the lid, with friction of 0.2: it rolls.
 
-roller: after the scene of NAFEMS R0094, benchmark 5 (Konter 2006). A roller of radius 30, friction
-0.3, is pressed 3 into a sheet 20 thick that is clamped below, and turned once, by --distance in
-revolutions, to the left; it is free along the sheet but for a drag of 0.015. The report's own
-dimensions were not at hand: -175.4, its displacement of a node of the roller in one turn, is for a
-scene that may differ from this one. Rubber under the roller is stretched, so that it comes less far
-than its circumference, 188.5.
+roller: after NAFEMS R0094, benchmark 5 (Konter 2006). A roller of radius 30, friction 0.3, is
+pressed by 3 into a sheet of thickness 20 that is clamped below, and turned once, by --distance in
+revolutions, to the left. It is free along the sheet except for a drag of 0.015. The dimensions in
+the report were not available: its displacement of a node of the roller in one turn, -175.4, is for
+a model that may differ from this one. Rubber under the roller is stretched, so that the roller
+moves less than its circumference, 188.5.
 
     python3 demos/rubber.py --scene oring --json oring.json
     mpirun -n 2 python3 demos/rubber.py --scene roller --steps 90
     python3 demos/rubber.py --scene oring --plot oring.png
 
-Five steps press the roller, half of the --steps the ring. Lengths are in units of the ring's radius
-or mm, stresses in the shear modulus. Keys of the JSON object:
+Five steps press the roller; half of --steps press the ring. Lengths are in units of the ring's
+radius or mm, stresses in the shear modulus. Keys of the JSON object:
 
-- force: on the lid or the roller, vertical, at the end;
-- u_x: how far the ring has come, the mean of the section, or the roller's middle;
-- max_penetration: at the end of a step, the largest of all;
-- facet_size: the smallest, before deformation;
-- snes_iterations: of all steps.
+- force: vertical force on the lid or the roller at the end;
+- u_x: displacement along x: mean of the ring's section, or the roller's middle;
+- max_penetration: the largest penetration at the end of any step;
+- facet_size: the smallest facet, before deformation;
+- snes_iterations: number of Newton iterations of all steps.
 """
 
 import dataclasses
@@ -47,20 +47,20 @@ from rubber_scenes import ROLLER, Ring, Roller
 
 FRICTION = {"oring": 0.2, "roller": 0.3}
 FACET, DISTANCE, STEPS = (dict(zip(FRICTION, each)) for each in ((0.15, 2.0), (0.5, 1.0), (50, 90)))
-#: Of the two the one that takes fewer iterations.
+#: Kind of sliding that takes fewer iterations, for each scene.
 SLIDING = dict(zip(FRICTION, ("finite", "small"), strict=True))
 
 
 @dataclasses.dataclass
 class Parameters:
-    """One of the scenes; what is None is as the scene needs it."""
+    """One of the scenes; None stands for the default of the scene."""
 
     scene: str = option("oring", choices=tuple(FRICTION))
-    facet: float | None = option(None, "size of facets: 0.15, or 2 mm")
-    distance: float | None = option(None, "of the lid: 0.5; or turns of the roller: 1")
-    steps: int | None = option(None, "50, or 90 for the roller once pressed", type=count)
-    friction: float | None = option(None, "Coulomb's coefficient: 0.2, or 0.3")
-    sliding: str | None = option(None, "finite for the ring, small for the roller")
+    facet: float | None = option(None, "facet size: 0.15 for the ring, 2 mm for the roller")
+    distance: float | None = option(None, "lid displacement: 0.5, or turns of the roller: 1")
+    steps: int | None = option(None, "50 for the ring, 90 to turn the roller", type=count)
+    friction: float | None = option(None, "Coulomb's coefficient: ring 0.2, roller 0.3")
+    sliding: str | None = option(None, "default finite for the ring, small for the roller")
     enforcement: str = option("penalty")
     verbose: bool = option(False, "print each step")
 
@@ -80,7 +80,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """The scene, its contacts, and the stepper."""
+    """Build the scene, its contacts, and the stepper."""
     scene = {"oring": Ring, "roller": Roller}[p.scene](comm, p)
     friction = qs.Coulomb(p.friction)
     options = {"friction": friction, "sliding": p.sliding, "enforcement": p.enforcement}
@@ -90,7 +90,7 @@ def build(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Press and roll; returns what --json writes, and the rows of all steps.
+    """Press and roll; return the results for --json, and the rows of all steps.
 
     ``on_step(row, scene)`` is called after each step.
     """

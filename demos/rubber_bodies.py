@@ -13,13 +13,13 @@ from common.bodies import facets_at, fix, gmsh_mesh, integral
 #: Shear modulus, and Lamé's first parameter: Poisson's ratio is 0.49.
 MU, LAMBDA = 1.0, 50.0
 RADIUS = 1.0  # of the O-ring's section
-LENGTH, HEIGHT, MARGIN = 260.0, 20.0, 40.0  # of the sheet, and of what is behind the roller
+LENGTH, HEIGHT, MARGIN = 260.0, 20.0, 40.0  # of the sheet, and of its part behind the roller
 
 
 def two_rules(msh, degree):
-    """Measures of all cells: with enough points for cells of some degree, and for a degree less.
+    """Return measures of all cells: with enough points for some degree, and for one degree less.
 
-    In two forms of one subdomain FFCx 0.9 would mix up a rule of one point and the other one.
+    With two rules on one subdomain FFCx 0.9 would confuse a one-point rule with the other rule.
     """
     cells = np.arange(msh.topology.index_map(2).size_local, dtype=np.int32)
     dx = ufl.Measure("dx", msh, subdomain_data=[(1, cells), (2, cells)])
@@ -29,16 +29,16 @@ def two_rules(msh, degree):
 class Rubber:
     """A nearly incompressible neo-Hookean body in plane strain.
 
-    The pressure is integrated in fewer points than the rest, as many as elements of one degree less
-    have: with all of them the cells would lock.
+    The pressure is integrated with fewer points than the rest, as many as elements of one degree
+    less have: with all points the cells would lock.
 
     Args:
-        msh: Its mesh.
-        degree: Of the displacement.
-        facets: Which may touch.
+        msh: Mesh of the body.
+        degree: Degree of the displacement.
+        facets: Facets that may touch.
         held: Facets that are clamped, if any.
         lmbda: Lamé's first parameter.
-        reduced: Whether the pressure is integrated in fewer points.
+        reduced: Whether the pressure is integrated with fewer points.
     """
 
     def __init__(self, msh, degree, facets, held=None, lmbda=LAMBDA, reduced=True):
@@ -65,13 +65,13 @@ class Rubber:
 
 
 class MixedRubber:
-    """The same of degree 2, with a continuous pressure of degree 1 as an unknown (Taylor and Hood).
+    """The same body of degree 2, with a continuous unknown pressure of degree 1 (Taylor-Hood).
 
-    ln J = p / λ holds in the mean around each vertex, not at each point, so that nothing locks.
+    ln J = p / λ holds in the mean around each vertex, not at each point, which avoids locking.
 
     Args:
-        msh: Its mesh, of triangles.
-        facets: Which may touch.
+        msh: Mesh of the body, with triangles.
+        facets: Facets that may touch.
         lmbda: Lamé's first parameter.
     """
 
@@ -92,7 +92,7 @@ class MixedRubber:
 
 
 def o_ring(comm, facet):
-    """The section of an O-ring: triangles of degree 2, all of whose boundary may touch."""
+    """Create an O-ring's section: triangles of degree 2; the whole boundary may touch."""
 
     def draw(gmsh):
         gmsh.model.occ.addDisk(0, 0, 0, RADIUS, RADIUS)
@@ -106,7 +106,7 @@ def o_ring(comm, facet):
 
 
 def sheet(comm, facet):
-    """A sheet, clamped below: quadrilaterals, twice as high as long, but finer at the top."""
+    """Create a sheet, clamped below: quadrilaterals, twice as high as long, finer at the top."""
     n = round(LENGTH / facet), max(3, round(HEIGHT / (2 * facet)))
     corners = [(MARGIN - LENGTH, -HEIGHT), (MARGIN, 0.0)]
     msh = mesh.create_rectangle(comm, corners, n, mesh.CellType.quadrilateral)

@@ -1,4 +1,4 @@
-"""What the rubber demo measures: forces, how far things have come, penetration."""
+"""Results of the rubber demo: forces, displacements, penetration."""
 
 import dataclasses
 
@@ -12,9 +12,9 @@ class Row:
     """The state after a step."""
 
     t: float
-    force: float  # on the lid or the roller, upwards
-    drag: float  # the same along x
-    net_force: float  # on all tools together, of a body that only they hold
+    force: float  # upward force on the lid or the roller
+    drag: float  # force along x on the lid or the roller
+    net_force: float  # force on all tools together, for a body held by tools only
     moved: float
     penetration: float
     iterations: int
@@ -30,7 +30,7 @@ class Row:
 
 
 def measure(t, scene, contacts, stepper):
-    """The row of this state. Collective."""
+    """Compute the row of this state. Collective."""
     forces = np.array([contact.force("master") for contact in contacts])
     return Row(
         float(t),
@@ -45,7 +45,7 @@ def measure(t, scene, contacts, stepper):
 
 
 def summary(rows, scene):
-    """What --json writes."""
+    """Return the results for --json."""
     return {
         "force": rows[-1].force,
         "u_x": rows[-1].moved,
@@ -56,7 +56,7 @@ def summary(rows, scene):
 
 
 def more(p, rows):
-    """What is printed besides."""
+    """Return further results to be printed."""
     end = rows[-1]
     out = {"cutbacks": end.cutbacks, "drag / force": abs(end.drag / end.force)}
     if p.scene == "oring":

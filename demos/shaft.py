@@ -1,28 +1,29 @@
-"""An elastic shaft, pressed into an elastic bore, turned by 90° in large steps.
+"""Turn an elastic shaft in an elastic bore by 90° in large steps, after a press fit.
 
 Plane strain, neo-Hookean rings, ν = 0.3: a shaft of radius 1 (E = 2, held at radius 0.3) in a bore
-that is smaller by --interference (E = 1, held at radius 2, 1.4 times as many facets). The geometry
-of contact follows the bodies within a solve, so that no time stepper is needed: the shaft's core is
-turned, all of the shaft is guessed to turn with it, and the problem is solved again.
+that is smaller by --interference (E = 1, held at radius 2, 1.4 times as many facets). The contact
+geometry is updated within a solve (finite sliding), so that no time stepper is needed. For each
+step the shaft's core is turned, with a rotation of the whole shaft as the first guess, and the
+problem is solved again.
 
     python3 demos/shaft.py --mu 0.2 --json shaft.json
     mpirun -n 2 python3 demos/shaft.py --cell triangle --steps 18
     python3 demos/shaft.py --plot shaft.png
 
-With friction the shaft sticks at first. Six small steps turn it by 1.5 times the angle at which, in
-small strains, all of it slips; --steps do the rest of --turn. Reactions are sums of residuals over
-nodes that are held, which contact has no part in; N is the sum of the normal forces. Lengths are in
-units of the shaft's radius, stresses in E of the bore. On the terminal there are also the pressure
-over Lamé's for small strains, and the torque over μ N r. Keys of the JSON object:
+With friction the shaft sticks at first. Six small steps (the run-in) turn it by 1.5 times the angle
+at which, in small strains, the whole shaft slips; --steps steps do the rest of --turn. Reactions
+are sums of residuals over held nodes, which are not in contact; N is the sum of the normal forces.
+Lengths are in units of the shaft's radius, stresses in E of the bore. The terminal also shows the
+pressure over Lamé's for small strains, and the torque over μ N r. Keys of the JSON object:
 
 - moment_error: net moment of the reactions about the axis, the largest of all solves, over the
   torque; without friction over N r;
 - force_error: net force of the reactions, the largest of all solves, over N;
 - work_error: work of the torque (trapezoidal rule) against elastic and dissipated energy, over the
-  work, of --steps without the six; without friction over the elastic energy;
-- torque: at the end, on the shaft;
-- steps: without the six;
-- snes_iterations: of all solves.
+  work, for the steps after the run-in; without friction over the elastic energy;
+- torque: torque on the shaft at the end;
+- steps: number of steps without the run-in;
+- snes_iterations: number of Newton iterations of all solves.
 """
 
 import dataclasses
@@ -47,13 +48,13 @@ RUN_IN = 6  # steps, with friction
 
 @dataclasses.dataclass
 class Parameters:
-    """One press fit that is turned."""
+    """One press fit in which the shaft is turned."""
 
     mu: float = option(0.0, "Coulomb's coefficient")
     steps: int = option(9, type=count)
-    turn: float = option(90.0, "degrees, anticlockwise")
+    turn: float = option(90.0, "angle in degrees, anticlockwise")
     interference: float = option(0.02)
-    facets: int = option(48, "of the shaft", type=count)
+    facets: int = option(48, "facets of the shaft", type=count)
     cell: str = option("quadrilateral", choices=CELLS)
     formulation: str = option("quasi-symmetric", choices=("quasi-symmetric", "master-slave"))
     enforcement: str = option("augmented-lagrangian")
@@ -71,11 +72,11 @@ class Parameters:
             raise ValueError(f"--turn: must be more than the {self.run_in():.3g}° of the run-in")
 
     def run_in(self):
-        """The turn (degrees) in which slip begins."""
+        """Return the angle (degrees) of the run-in, in which slip begins."""
         return 1.5 * np.degrees(slip_angle(self.mu, self.interference))
 
     def turns(self):
-        """Angle (degrees) of each solve, and how much of it the guess turns the shaft by."""
+        """Return the angle (degrees) of each solve, and how far the first guess turns the shaft."""
         begin = np.copysign(self.run_in(), self.turn)
         step = (self.turn - begin) / self.steps
         run_in = [(begin * i / RUN_IN, 0.0) for i in range(1, RUN_IN + 1)] if self.mu else []
@@ -83,7 +84,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Shaft, bore, contact and problem."""
+    """Build shaft, bore, contact and problem."""
     bodies = shaft, bore = create_bodies(comm, p.facets, p.cell, p.interference)
     contact = qs.Contact(
         shaft.surface,
@@ -100,7 +101,7 @@ def build(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Press and turn; returns what --json writes, the rows of all solves, and what build() does.
+    """Press and turn; return the results for --json, all rows, and what build() returns.
 
     ``on_step(row, scene)`` is called after each solve.
     """

@@ -1,4 +1,4 @@
-"""The bodies of the shaft demo: two elastic rings, one pressed into the other."""
+"""Bodies of the shaft demo: two elastic rings, one pressed into the other."""
 
 import typing
 
@@ -23,12 +23,12 @@ RATIO = 1.4  # facets of the bore for each of the shaft
 
 
 def create_ring(comm, inner, outer, layers, n, cell, start):
-    """A ring about the origin.
+    """Create a ring about the origin.
 
     Args:
         comm: Communicator.
-        inner: Radius.
-        outer: Radius.
+        inner: Inner radius.
+        outer: Outer radius.
         layers: Cells across.
         n: Cells around.
         cell: Name of their kind.
@@ -49,29 +49,29 @@ def create_ring(comm, inner, outer, layers, n, cell, start):
 
 
 class Load(typing.NamedTuple):
-    """What acts on some nodes of a body, which are where it has moved them to."""
+    """Load on some nodes of a body, at their deformed positions."""
 
     force: np.ndarray
     moment: float  # about the origin
     outwards: float  # sum of the radial forces
-    radius: float  # mean of the nodes
+    radius: float  # mean radius of the nodes
 
 
 class Body:
-    """A neo-Hookean ring that touches at one radius and is held at the other, turned as asked.
+    """A neo-Hookean ring in contact at one radius and held at the other, where it can be turned.
 
     Args:
         comm: Communicator.
         E: Young's modulus.
-        touching: Radius, mean of the facets.
-        held: Radius.
+        touching: Contact radius, mean over the facets.
+        held: Radius at which the ring is held.
         n: Cells around.
         cell: Name of their kind.
         start: Angle of the first node.
     """
 
     def __init__(self, comm, E, touching, held, n, cell, start):
-        #: Mean radius of facets over that of their ends.
+        #: Mean radius of facets over the radius of their vertices.
         self.chord = 1 - (np.pi / n) ** 2 / 3
         self.start = start
         touching /= self.chord
@@ -95,17 +95,17 @@ class Body:
         self.bcs = [fem.dirichletbc(self.displacement, self.held)]
 
     def positions(self):
-        """Where the nodes are, those of other ranks included, shape (nodes, 2)."""
+        """Return the positions of the nodes, ghosts included, shape (nodes, 2)."""
         return self.V.tabulate_dof_coordinates()[:, :2] + self.u.x.array.reshape(-1, 2)
 
     def turn(self, angle, by):
-        """Hold the body at an angle, and guess that all of it turns by so much."""
+        """Hold the body at an angle, and rotate the first guess of the whole body."""
         x = self.V.tabulate_dof_coordinates()[:, :2]
         self.displacement.x.array[:] = (rotated(x, angle) - x).ravel()
         self.u.x.array[:] = (rotated(self.positions(), by) - x).ravel()
 
     def load(self, nodes):
-        """What acts on nodes from outside: sums over their residuals. Collective."""
+        """Compute the external load on nodes: sums over their residuals. Collective."""
         b = fem.assemble_vector(self.residual)
         b.scatter_reverse(la.InsertMode.add)
         nodes = nodes[nodes < self.V.dofmap.index_map.size_local]
@@ -128,13 +128,13 @@ def rotated(x, angle):
 
 
 def create_bodies(comm, facets, cell, interference):
-    """The shaft and the bore, which overlap by the interference.
+    """Create the shaft and the bore, which overlap by the interference.
 
     Args:
         comm: Communicator.
-        facets: Of the shaft.
-        cell: Name of the cells' kind.
-        interference: Length.
+        facets: Number of facets of the shaft.
+        cell: Name of the cell type.
+        interference: Interference (length).
     """
     shaft = Body(comm, E_SHAFT, R, CORE, facets, cell, start=0.05)
     bore = Body(comm, E_BORE, R - interference, RIM, round(RATIO * facets), cell, start=0.0)
@@ -161,7 +161,7 @@ def lame_pressure(interference):
 
 
 def slip_angle(friction, interference):
-    """How far the core turns before the shaft slips, for a coefficient of friction."""
+    """Compute the angle of the core at which the shaft slips, for a coefficient of friction."""
     torque = 2 * np.pi * R**2 * friction * lame_pressure(interference)
     return torque * sum(
         abs(1 / held**2 - 1 / R**2) / (4 * np.pi * lame(E)[0])

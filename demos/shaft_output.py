@@ -1,4 +1,4 @@
-"""What the shaft demo measures: torque, balances, energies."""
+"""Results of the shaft demo: torque, balances, energies."""
 
 import dataclasses
 
@@ -16,14 +16,14 @@ class Row:
     net_moment: float
     net_force: float
     normal: float  # sum of the normal forces on the shaft
-    radius: float  # of its facets in contact, the mean
+    radius: float  # mean radius of its facets in contact
     elastic: float
     dissipated: float
     iterations: int
 
 
 def measure(angle, shaft, bore, contact, problem):
-    """The row of this state. Collective."""
+    """Compute the row of this state. Collective."""
     held, opposite = (body.load(body.held) for body in (shaft, bore))
     touching = shaft.load(shaft.touching)
     return Row(
@@ -40,7 +40,7 @@ def measure(angle, shaft, bore, contact, problem):
 
 
 def summary(p, rows):
-    """What --json writes, of the rows of the run-in, if any, and of the steps."""
+    """Return the results for --json from the rows of the run-in, if any, and of the steps."""
     end, steps = rows[-1], rows[-p.steps - 1 :]
     torque, angle = np.array([(row.torque, np.radians(row.angle)) for row in steps]).T
     work = 0.5 * (torque[1:] + torque[:-1]) @ np.diff(angle)
@@ -57,7 +57,7 @@ def summary(p, rows):
 
 
 def closed_forms(p, end):
-    """Pressure and torque, beside what they are in theory."""
+    """Return pressure and torque, compared with their theoretical values."""
     pressure = end.normal / (2 * np.pi * end.radius)
     out = {"pressure": pressure, "pressure / Lamé": pressure / lame_pressure(p.interference)}
     if p.mu:

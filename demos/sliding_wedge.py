@@ -2,12 +2,12 @@
 
 A deformable wedge lies on a deformable incline of slope tan α = 0.1; their meshes do not match. The
 wedge carries the vertical load G and is pushed up the incline by the horizontal force F. At full
-slip F / G = (tan α + μ) / (1 − μ tan α) balances it, whatever the elastic moduli. μ = 0 is solved
-without friction.
+slip equilibrium gives F / G = (tan α + μ) / (1 − μ tan α), for any elastic moduli. For μ = 0 the
+contact has no friction law.
 
-The back of the wedge is pushed in steps until all nodes in contact slip, and twice more. By default
-points and normals stay as they are paired at first (small sliding); with --travel the steps are
-made by qs.TimeStepper, which pairs anew, until the wedge has gone that far.
+The back of the wedge is pushed in steps until all nodes in contact slip, and for two more steps. By
+default contact pairs and normals do not change (small sliding). With --travel the steps are
+made by qs.TimeStepper, which updates the contact pairs, until the wedge has moved that far.
 
     python3 demos/sliding_wedge.py --mu 0.3 --plot wedge.png
     mpirun -n 2 python3 demos/sliding_wedge.py --mu 0.1 --formulation double-pass --json wedge.json
@@ -15,7 +15,7 @@ made by qs.TimeStepper, which pairs anew, until the wedge has gone that far.
 
 Key of the JSON object:
 
-- ratio_error: relative deviation of F / G from the closed form, a positive number.
+- ratio_error: relative deviation of F / G from the closed form, absolute value.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ from common.command import Command, option, save
 from elastic_bodies import create_strip
 
 SLOPE, LOAD, E, NU = 0.1, 1.0, 1e3, 0.3
-MAX_STEPS = 30  # to full slip
+MAX_STEPS = 30  # largest number of steps to full slip
 
 
 @dataclasses.dataclass
@@ -46,9 +46,9 @@ class Parameters:
     formulation: str = option("quasi-symmetric")
     quadrature: str = option("overlay")
     enforcement: str | None = option(None)
-    n: int = option(1, "factor of the numbers of cells along an edge")
-    push: float = option(1e-3, "displacement of the back in a step")
-    travel: float = option(0.0, "way to go, pairing in every step")
+    n: int = option(1, "factor for the numbers of cells along the edges")
+    push: float = option(1e-3, "displacement of the back per step")
+    travel: float = option(0.0, "distance to move, with contact pairs updated in each step")
 
 
 def closed_form(mu):
@@ -57,12 +57,12 @@ def closed_form(mu):
 
 
 def build(comm, p):
-    """The two bodies, their contact and the problem."""
+    """Build the two bodies, their contact and the problem."""
     floor, slope, top = lambda x: -1 + 0 * x, lambda x: SLOPE * x, lambda x: 1.3 + 0 * x
     wedge = create_strip(comm, (13 * p.n, 6 * p.n), (1.2, 4.1), slope, top, E, NU)
     incline = create_strip(comm, (26 * p.n, 5 * p.n), (0.0, 6.0), floor, slope, E, NU)
     wedge.press(LOAD)
-    # The back is free to move up: the incline carries all of G. F is what guides the back.
+    # The back is free to move up: the incline carries all of G. F is the reaction of the guide.
     wedge.guide(wedge.back)
     incline.hold()
     contact = qs.Contact(
@@ -80,7 +80,7 @@ def build(comm, p):
 
 
 def steps(p, wedge, problem):
-    """Push the wedge; yields the Newton iterations of each step."""
+    """Push the wedge; yield the number of Newton iterations of each step."""
     if p.travel > 0:
         size = p.travel / np.ceil(p.travel / 0.1)  # less than half a facet
 
@@ -98,7 +98,7 @@ def steps(p, wedge, problem):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Push; returns what --json writes, the rows of the table, and the bodies."""
+    """Push; return the results for --json, the rows of the table, and the bodies."""
     bodies, contact, problem = build(comm, p)
     wedge, rows = bodies[0], []
     for iterations in steps(p, wedge, problem):
@@ -125,7 +125,7 @@ def main():
     if a.plot:
         pictures.sliding_wedge(a.plot, bodies, rows, closed_form(p.mu))
     if rows[-1]["slipping"] != rows[-1]["active"]:
-        raise SystemExit("not all nodes slip yet: the closed form does not hold; --push further")
+        raise SystemExit("not all nodes slip yet: the closed form does not hold; increase --push")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Upsetting of a Norton-Hoff cylinder between rigid frictionless dies, against the closed form.
 
-The billet (radius 10, height 15; MINI element in velocities) stays a cylinder, and the force on a
-die is F = π R² K √3^{m+1} (V/h)^m. The upper die comes down with the constant velocity V until half
-of the height is left. R and h are those for which the velocity is solved, as F is: with the
-midpoint scheme half a step ahead of the end of the last step.
+The billet (radius 10, height 15; velocity-based with the MINI element) stays a cylinder, and the
+force on a die is F = π R² K √3^{m+1} (V/h)^m. The upper die moves down with the constant velocity V
+to half of the height. R, h and F belong to the mesh on which the velocity is solved: with the
+midpoint scheme this is half a step after the end of the last step.
 
     python3 demos/upset_cylinder.py --m 0.15 --rate 1 --dim 2 --json upset.json
     mpirun -n 2 python3 demos/upset_cylinder.py --m 0.5 --dim 3 --plot upset.png
@@ -11,11 +11,11 @@ midpoint scheme half a step ahead of the end of the last step.
 Keys of the JSON object:
 
 - force_error: largest relative deviation from the closed form, of all steps and both dies;
-- volume_change: relative, at the end;
+- volume_change: relative change of volume at the end;
 - steps, snes_iterations, total_seconds.
 
---dim 2 is axisymmetric, --dim 3 a quarter of the cylinder, whose R is that of the volume of its
-polygonal mesh. In neither does a Dirichlet condition hold the billet along the axis.
+--dim 2 is axisymmetric, --dim 3 a quarter of the cylinder, with R computed from the volume of its
+polygonal mesh. In both cases no Dirichlet condition holds the billet along the axis.
 """
 
 import dataclasses
@@ -56,7 +56,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Billet, contacts with the dies, and the stepper."""
+    """Build billet, contacts with the dies, and the stepper."""
     billet = NortonHoff(cylinder(comm, p.dim, RADIUS, HEIGHT), p.K, p.m, 1e-4 * p.rate)
     V, up = billet.W.sub(0), p.dim - 1
     symmetry = [fix(V, axis, facets_at(billet.mesh, axis, 0.0)) for axis in range(up)]
@@ -89,17 +89,17 @@ def build(comm, p):
 
 
 def section(billet, parts):
-    """Mean area of the sections across the axis, of the whole billet as it is, and its height."""
+    """Compute the mean cross-section and the height of the whole billet in its present state."""
     comm, z = billet.mesh.comm, billet.mesh.geometry.x[:, billet.mesh.geometry.dim - 1]
     height = comm.allreduce(z.max(), op=MPI.MAX) - comm.allreduce(z.min(), op=MPI.MIN)
     return parts * billet.volume() / height, height
 
 
 def run(p, comm=MPI.COMM_WORLD, look=None):
-    """Upset; returns what --json writes, and the stepper.
+    """Upset the billet; return the results for --json, and the stepper.
 
-    look is called with the mesh at first, and with the mesh, the reduction, the force on a die and
-    that of the closed form after each step.
+    look is called once at the start with the mesh, and after each step with the mesh, the
+    reduction, the force on a die and the force of the closed form.
     """
     clock = Clock(comm)
     look = look or (lambda *state: None)

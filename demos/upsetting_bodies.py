@@ -1,4 +1,4 @@
-"""Bodies of the upsetting test, and the errors of two tied ones against a single one."""
+"""Bodies of the upsetting test, and errors of two tied bodies against a single body."""
 
 import numpy as np
 
@@ -13,22 +13,22 @@ E, NU, DELTA = 1.0, 0.3, 0.01
 
 
 def stress(u):
-    """In plane strain."""
+    """Return the stress in plane strain."""
     return qs.materials.linear_elastic(u, E, NU)
 
 
 def locate(msh, axis, value):
-    """Facets, boundary or not, in a plane across an axis."""
+    """Find facets, on the boundary or inside, in a plane normal to an axis."""
     return mesh.locate_entities(msh, 1, lambda x: np.abs(x[axis] - value) < 1e-12)
 
 
 def create_mesh(comm, n, lower, upper, grading):
-    """Graded mesh between heights lower and upper (−1, 0 or 1), n cells wide."""
+    """Create a graded mesh between heights lower and upper (−1, 0 or 1), n cells wide."""
     # Errors need the cells on both sides of facets that ranks share.
     ghosts = {"ghost_mode": mesh.GhostMode.shared_facet}
     corners, cells = [[0.0, lower], [1.0, upper]], [n, n * (upper - lower)]
     msh = mesh.create_rectangle(comm, corners, cells, mesh.CellType.quadrilateral, **ghosts)
-    # Coordinates that meshes have in common are equal to the last bit.
+    # Common coordinates of different meshes are bitwise equal.
     t = np.rint(n * msh.geometry.x[:, :2]) / n
     msh.geometry.x[:, :2] = np.sign(t) * (1 - (1 - np.abs(t)) ** grading)
     msh.topology.create_connectivity(1, 2)
@@ -57,13 +57,13 @@ class Body:
 class Reference:
     """Single-body solution on a mesh that contains all others, and errors against it.
 
-    Q1 functions of a coarser mesh are Q1 on this one too, apart from jumps across the interface:
-    each block has its own function, which is of use in the cells of this block only.
+    Q1 functions of a coarser mesh are Q1 on this mesh too, except for jumps across the interface.
+    Therefore each block has its own function, which is used in the cells of this block only.
 
     Args:
         comm: Communicator.
-        n: Cells along the interface, a multiple of those of all others.
-        grading: Of the mesh.
+        n: Cells along the interface, a multiple of those of all other meshes.
+        grading: Grading of the mesh.
     """
 
     def __init__(self, comm, n, grading):
@@ -83,19 +83,19 @@ class Reference:
         def energy(w, measure):
             return fem.form(ufl.inner(stress(w), ufl.grad(w)) * measure)
 
-        pressure = ufl.avg(stress(u)[1, 1])  # traction on the master; minus that on the slave
+        pressure = ufl.avg(stress(u)[1, 1])  # traction on the master; on the slave its negative
         self.energy_forms, self.traction_forms = {}, {}
         for tag, (side, sign) in enumerate((("master", 1), ("slave", -1))):
             self.energy_forms[side] = energy(self.w - u, dx(tag))
             self.traction_forms[side] = fem.form((self.t("+")[1] - sign * pressure) ** 2 * dS)
         self.energy = integral(msh, energy(u, ufl.dx))
         self.traction = integral(msh, pressure**2 * dS)
-        #: How far quadratic elements are from cubic ones: a bound of the reference's own error.
+        #: Difference of quadratic and cubic elements: a bound for the error of the reference.
         self.error = np.sqrt(integral(msh, energy(u - v, ufl.dx)) / self.energy)
         self._places = {}
 
     def energy_error(self, u, sides):
-        """Square of the energy norm of the error on some sides, relative to the whole energy."""
+        """Compute the squared energy norm of the error on some sides over the whole energy."""
         error = 0.0
         for side in sides:
             self.w.interpolate_nonmatching(u, self.cells[side], self.transfer(u, side))
@@ -103,12 +103,12 @@ class Reference:
         return error / self.energy
 
     def traction_error(self, traction, side):
-        """L2 norm of the error of the normal traction on the interface, relative."""
+        """Compute the relative L2 norm of the error of the normal traction on the interface."""
         self.t.interpolate_nonmatching(traction, self.cells[side], self.transfer(traction, side))
         return np.sqrt(integral(self.mesh, self.traction_forms[side]) / self.traction)
 
     def transfer(self, u, side):
-        """Where the points of the cells on one side lie on the mesh of u; found once a mesh."""
+        """Find the points of the cells on one side in the mesh of u; computed once per mesh."""
         key = u.function_space.mesh, side
         if key not in self._places:
             self._places[key] = fem.create_interpolation_data(

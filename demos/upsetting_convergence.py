@@ -2,12 +2,12 @@
 
 Two blocks of 2 × 1 are stacked and upset between clamped dies in plane strain: u = 0 at the bottom,
 u = (0, −δ) at the top, free sides, E = 1, ν = 0.3. By symmetry the right half is modelled, with
-u_x = 0 on x = 0. The lower block is the master, the upper one the slave, and a ratio of 2:3 means 2
-cells of the master to 3 of the slave along the interface. They are tied, so that the exact solution
-is that of a single body. It is computed with cubic elements on a mesh that contains all others:
-errors are integrated there without interpolating anything inexactly. Reported are, relative to the
-single body's values, the energy norm of the error of both blocks, and the L2 norm of the error of
-the recovered normal traction over the interface, ends included, for the slave and the master side.
+u_x = 0 on x = 0. The lower block is the master, the upper one the slave. A ratio of 2:3 means 2
+cells of the master to 3 of the slave along the interface. The blocks are tied, so that the exact
+solution is that of a single body. It is computed with cubic elements on a mesh that contains all
+other meshes, so that errors are integrated there without interpolation error. The results, relative
+to the values of the single body, are the energy norm of the error of both blocks, and the L2 norm
+of the error of the recovered normal traction over the interface, ends included, for both sides.
 
 Meshes are graded towards the singular corner of the die, with cells of size h^1.5 there.
 
@@ -39,31 +39,31 @@ from common import pictures, tables
 from common.command import FORMULATIONS, Command, option, save
 from upsetting_bodies import Body, E, Reference, create_mesh, locate
 
-# What a finer master does at nodes is what is measured here.
+# This demo measures the error of nodal sampling with a finer master, so ignore its warning.
 warnings.filterwarnings("ignore", "quadrature: ", qs.ContactWarning)
 
 NORMS = ("energy", "slave_traction", "master_traction")
-# Cells of master and slave along the interface on level 0; each level halves the cells. All are
-# divisors of FINEST, the cells of the reference.
+# Numbers of cells of master and slave along the interface on level 0; each level halves the size.
+# All numbers are divisors of FINEST, the number of cells of the reference.
 CELLS = {"1:1": (6, 6), "2:3": (4, 6), "3:2": (6, 4), "1:4": (3, 12), "4:1": (12, 3)}
 FINEST = 12
 
 
 @dataclasses.dataclass
 class Parameters:
-    """What can be varied; the penalty is penalty_factor · E / (smallest facet).
+    """Parameters of the study; the penalty is penalty_factor · E / (smallest facet).
 
-    With the mean facet size instead, facets at the graded end of the interface would see a soft
-    penalty, and it, not the meshes, would limit the traction.
+    With the mean facet size instead, the penalty would be soft for facets at the graded end of the
+    interface, and the penalty instead of the meshes would limit the accuracy of the traction.
     """
 
-    levels: int = option(4, "meshes of each ratio, at least 2")
+    levels: int = option(4, "number of meshes for each ratio, at least 2")
     grading: float = option(1.5, "1: uniform meshes")
     penalty_factor: float = option(1e3, "ε h / E")
 
 
 def errors(reference, master, slave, formulation, penalty_factor):
-    """Tie two bodies; errors in the order of NORMS."""
+    """Tie two bodies; return the errors in the order of NORMS."""
     bodies = slave, master
     surfaces = [qs.Surface(b.V, facets=locate(b.mesh, 1, 0.0)) for b in bodies]
     penalty = penalty_factor * E / min(s.facet_size_range[0] for s in surfaces)
@@ -82,12 +82,12 @@ def errors(reference, master, slave, formulation, penalty_factor):
 
 
 def rate(h, error):
-    """Exponent of h that fits errors on all levels best (least squares of the logarithms)."""
+    """Fit the exponent of h to the errors on all levels (least squares of the logarithms)."""
     return float(np.polyfit(np.log(h), np.log(error), 1)[0])
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve everything; returns what --json writes."""
+    """Solve everything; return the results for --json."""
     reference = Reference(comm, FINEST * 2 ** (p.levels - 1), p.grading)
     result = dataclasses.asdict(p) | {"reference_energy_error": float(reference.error)}
     levels, single = range(p.levels), []
