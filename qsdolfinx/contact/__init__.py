@@ -1,1 +1,1 @@
-"""Contact of two surfaces: its terms in the equations, and what there is to read of it."""
+"""Contact of two surfaces: its terms in the equations, and its results."""

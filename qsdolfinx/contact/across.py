@@ -1,4 +1,4 @@
-"""What a scalar field takes from the contact of the bodies that it is a field of."""
+"""Data that contact of a scalar field takes from the mechanical contact of the same bodies."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ Numbers = npt.NDArray[np.int64]
 
 
 def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
-    """Refuse a contact that has nothing to give to these surfaces.
+    """Raise an error if a mechanical contact cannot be used for a field on these surfaces.
 
     Raises:
-        ValueError: If it is of other facets, or keeps no pairing points.
+        ValueError: If its facets are others, or if it keeps no contact quadrature points.
     """
     text = "mechanics: must be a contact of displacements or velocities"
     require(not of.is_scalar, f"{text}, not of scalar fields")
@@ -50,7 +50,7 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
 
 
 def shares_pairs(of: ContactModel, master: AnySurface) -> bool:
-    """Whether a field with this master has the bodies' pairs: not on a mesh of a rigid tool."""
+    """Whether a field with this master uses the bodies' pairs: not on the mesh of a rigid tool."""
     return (as_tool(of.master) is None) == (as_tool(master) is None)
 
 
@@ -59,9 +59,9 @@ def _same_facets(one: Surface, other: Surface) -> bool:
 
 
 def _at_nodes(source: Surface, target: Surface, values: Array) -> Array:
-    """Values at the owned contact nodes of one surface, (nodes,), at those of another. Collective.
+    """Values at owned contact nodes, (nodes,), from values at those of another surface. Collective.
 
-    Both are on the same facets.
+    Both surfaces are on the same facets.
     """
     there = _look_up(target, source, target.node_dofs[:, 0])
     vec = source.create_vec()
@@ -70,12 +70,12 @@ def _at_nodes(source: Surface, target: Surface, values: Array) -> Array:
 
 
 def _look_up(source: Surface, target: Surface, wanted: Numbers) -> Numbers:
-    """First unknowns of the target at the nodes with these first ones of the source. Collective.
+    """First unknowns of the target at nodes given by first unknowns of the source. Collective.
 
     Args:
         source: A surface.
-        target: Another one on the same facets.
-        wanted: Global unknowns; −1 stays.
+        target: Another surface on the same facets.
+        wanted: Global unknowns of the source; −1 stays −1.
     """
     count = min(surface.trace_dofs[0].shape[1] for surface in (source, target))
     own, other = (surface.trace_dofs[0][:, :count, 0].ravel() for surface in (source, target))
@@ -89,7 +89,7 @@ def _look_up(source: Surface, target: Surface, wanted: Numbers) -> Numbers:
 
 
 def _read(vec: PETSc.Vec, wanted: Numbers) -> Array:
-    """Entries of a vector on any rank; it is destroyed. Collective."""
+    """Read entries of a vector owned by any rank, and destroy the vector. Collective."""
     local = PETSc.Vec().createSeq(wanted.size, comm=PETSc.COMM_SELF)
     places = PETSc.IS().createGeneral(wanted.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vec, places, local, None)
@@ -103,21 +103,22 @@ def _read(vec: PETSc.Vec, wanted: Numbers) -> Array:
 class BodiesContact:
     """Pairs, pressures, distances and friction of the bodies' contact, for a field on them.
 
-    Pairs are those of the bodies, unless their master is a rigid tool that has a mesh of its own
-    for the field: then the field is paired by itself, where the meshes are.
+    The field uses the contact pairs of the bodies, unless their master is a rigid tool and the
+    field has its own mesh of this tool. In that case, the field has its own contact detection, at
+    the positions of the meshes.
 
     Args:
         of: The bodies' contact.
-        slave: Surface of the field on the slave's facets.
-        master: The same of the master, or the rigid tool.
+        slave: Surface of the field on the facets of the bodies' slave.
+        master: Surface of the field on the facets of the bodies' master, or the rigid tool.
     """
 
     def __init__(self, of: ContactModel, slave: Surface, master: AnySurface) -> None:
         self.of, self._slave, self._master = of, slave, master
-        #: Whether the field has the bodies' pairs.
+        #: Whether the field uses the bodies' contact pairs.
         self.shares_pairs = shares_pairs(of, master)
         self._taken: _cpp.PairingPoints | Cut | None = None
-        #: The bodies' gaps at their pairing points.
+        #: The bodies' gaps at their contact quadrature points.
         self.at_points: PointRows
         if self.shares_pairs:
             pairs = (of.slave, slave), (of.master, master)
@@ -128,17 +129,17 @@ class BodiesContact:
 
     @property
     def is_stale(self) -> bool:
-        """Whether the bodies have been paired anew since :meth:`points`."""
+        """Whether the bodies' contact pairs have been updated since :meth:`points`."""
         return self.shares_pairs and self._present is not self._taken
 
     @property
     def _present(self) -> _cpp.PairingPoints | Cut:
-        """What the bodies' pairs are."""
+        """The bodies' present contact quadrature points, or their present segmentation."""
         gap = self.of.gaps[0]
         return gap.points if gap.cut is None else gap.cut
 
     def points(self) -> _cpp.PairingPoints:
-        """The bodies' pairing points with the unknowns of the field. Collective."""
+        """The bodies' contact quadrature points with the unknowns of the field. Collective."""
         self._taken, points = self._present, self.of.gaps[0].present_points
         surfaces = self.of.slave.cpp_object, self.of.master.cpp_object
         operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=2)
@@ -153,10 +154,11 @@ class BodiesContact:
     def pressure(self) -> Array:
         """Contact pressure (stress), not negative. Collective.
 
-        Σ_k N_k λ_k, whose sum over pairing points is the force.
+        It is Σ_k N_k λ_k; its sum over the contact quadrature points is the force.
 
         Returns:
-            At the pairing points, or, of a field that is paired by itself, at its slave's nodes.
+            Values at the contact quadrature points; at the nodes of the field's slave if the field
+            has its own contact detection.
         """
         gap = self.of.gaps[0]
         found = gap.multiplier(self.of.eps)[:, 0]
@@ -166,14 +168,14 @@ class BodiesContact:
         elif not gap.rows.are_points:
             on_nodes = np.asarray(gap.rows.on_nodes(found, 0.0), dtype=np.float64)
             found = self.at_points.from_nodes(on_nodes)
-        else:  # of gaps that follow the last rows see no point
+        else:  # with finite sliding the last constraints have no point
             found = found[: self.at_points.operator.num_rows]
         return np.maximum(found, 0.0)
 
     def rows_at_points(self, values: Array) -> Array:
-        """Values of the rows of the bodies' gaps at the points' functions, (points, vertices).
+        """Values of the bodies' constraints at the vertices of points' facets, (points, vertices).
 
-        0 where there is no row. Collective.
+        The value is 0 where there is no constraint. Collective.
         """
         slave, gap = self.of.slave, self.of.gaps[0]
         vec = slave.create_vec()
@@ -185,7 +187,7 @@ class BodiesContact:
         return out
 
     def distance(self) -> Array:
-        """Distance (length) of the bodies at their pairing points, 0 in contact. Collective."""
+        """Distance (length) of the bodies at their quadrature points, 0 in contact. Collective."""
         slave, operator, placement = self.of.slave, self.at_points.operator, self.of.placement
         if self.of.follows:
             return np.maximum(np.asarray(operator.initial_gap), 0.0)
@@ -202,7 +204,7 @@ class BodiesContact:
         return np.maximum(np.asarray(operator.initial_gap) - depth, 0.0)
 
     def dissipation(self) -> Array:
-        """Energy that friction took in the last step, at the field's nodes. Collective."""
+        """Energy dissipated by friction in the last step, at the field's nodes. Collective."""
         slave, found = self.of.slave, np.zeros(len(self.of.slave.node_area))
         for slip in self.of.slips:
             own = slip.slave is slave
@@ -211,13 +213,13 @@ class BodiesContact:
 
 
 def _faced_energy(slip: Slip, slave: Surface) -> Array:
-    """Energy of friction at vertices of the master, at the slave's nodes opposite. Collective."""
+    """Move energy of friction from the master's vertices to opposite slave nodes. Collective."""
     energy = slip.dissipation()
     rows = np.zeros((len(energy), slave.gdim))
     rows[:, 0] = energy
     vecs = slip.slave.create_vec(), slave.create_vec()
     slip.operator.add_transpose(rows, *(vec.handle for vec in vecs))
-    # Of degree 2 nodes of edges have a part, which vertices take over.
+    # With degree 2, nodes on edges have a part of the energy; it is moved to the vertices.
     out = -vecs[1].array_r[slave.node_dofs[:, 0] - vecs[1].owner_range[0]]
     for vec in vecs:
         vec.destroy()
@@ -228,12 +230,12 @@ def _faced_energy(slip: Slip, slave: Surface) -> Array:
 def _trace(
     body: Surface | None, field: Surface | None, found: dict[str, typing.Any]
 ) -> tuple[Numbers, npt.NDArray[np.int32], Array]:
-    """Unknowns, their owners and functions of a field at pairing points of its body. Collective.
+    """Unknowns, owners and shape functions of a field at its body's contact points. Collective.
 
     Args:
         body: The body's surface.
-        field: The field's; None of a tool, which has neither.
-        found: One side of the pairing points.
+        field: The field's surface; both are None for a rigid tool.
+        found: One side of the contact quadrature points.
     """
     if body is None or field is None:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32), np.zeros(0)
@@ -246,7 +248,7 @@ def _trace(
 
 
 def _lowering(num_vertices: int) -> Array:
-    """Functions of degree 1 as sums of those of degree 2: values at nodes, (nodes, vertices)."""
+    """Functions of degree 1 in the basis of degree 2: their values at nodes, (nodes, vertices)."""
     rows: list[Array] = list(np.eye(num_vertices))
     rows += [(rows[a] + rows[b]) / 2 for a, b in EDGES[num_vertices]]
     if num_vertices == 4:
@@ -259,7 +261,7 @@ def _degree(surface: AnySurface) -> int:
 
 
 def _owners(surface: Surface, unknowns: Numbers) -> npt.NDArray[np.int32]:
-    """Ranks that own unknowns of a surface's body; −1 of none. Collective."""
+    """Ranks that own unknowns of a surface's body; −1 where there is no unknown. Collective."""
     vec = surface.create_vec()
     ends = np.asarray(vec.owner_ranges)[1:]
     vec.destroy()

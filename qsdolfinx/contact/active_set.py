@@ -1,4 +1,4 @@
-"""The active set: which rows of a contact are closed, and which of them slip."""
+"""The active set: active constraints of a contact, and the slipping ones among them."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ Array = npt.NDArray[np.float64]
 
 
 def slope(model: ContactModel, gap: WeightedGap) -> Array:
-    """∂λ/∂ḡ at the rows of a pass at the last evaluation, positive where they are closed."""
+    """Slope ∂λ/∂ḡ of each constraint at the last evaluation, positive where it is active."""
     return gap.slope(model.eps, model.paired.touching)
 
 
 def closed(model: ContactModel, gap: WeightedGap) -> npt.NDArray[np.bool_]:
-    """Closed rows of a pass."""
+    """Active constraints of an integration side."""
     return slope(model, gap) > 0
 
 
 def num_closed(model: ContactModel) -> int:
-    """Closed rows on this rank, of all passes."""
+    """Number of active constraints on this rank, of all integration sides."""
     return sum(int(np.count_nonzero(closed(model, gap))) for gap in model.gaps)
 
 
 def active_state(model: ContactModel) -> bytes:
-    """Which rows of this rank are closed, and which of them slip."""
+    """Active constraints of this rank, and the slipping ones among them, as bytes."""
     if model.law.linear:
         return b""
     rows = [closed(model, gap).tobytes() for gap in model.gaps]
@@ -35,7 +35,7 @@ def active_state(model: ContactModel) -> bytes:
 
 
 def tangent_state(model: ContactModel) -> bytes:
-    """What the tangent of linear bodies depends on besides ε."""
+    """State that determines the contact tangent of linear bodies besides ε, as bytes."""
     conductances = [gap.state.conductance for gap in model.gaps]
     states = [h.tobytes() for h in conductances if h is not None]
     states += [slip.tangent_state() for slip in model.slips]

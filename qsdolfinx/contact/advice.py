@@ -1,4 +1,4 @@
-"""What looks like a mistake where a contact is first paired, and what to do about it."""
+"""Warnings about probable mistakes at the first contact detection, with remedies."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, def
 
 Array = npt.NDArray[np.float64]
 
-#: Kind of the finding of facets that stand for curves.
+#: Kind of the finding about facets that approximate curved surfaces.
 CHORDS = "chord errors"
 
-#: Part of the slave's nodes near the master that finds a partner in any sound scene.
+#: Part of the slave's nodes near the master that are paired at least in any valid model.
 FEW = 0.1
 
-#: Cosine from which on surfaces face each other, or away from each other.
+#: Absolute cosine above which surfaces face each other, or face away from each other.
 FACING = 0.1
 
-#: Facet size of the master over the slave's below which nodal quadrature leaves spikes. A half
-#: gives no warning: rounding, and graded meshes.
+#: Facet size of the master over that of the slave below which nodal quadrature leaves spikes in the
+#: traction. A ratio of one half gives no warning, to allow for rounding and graded meshes.
 FINER = 0.45
 
-#: Initial penetration over the smallest facet that is hardly meant to be pressed out at once.
+#: Initial penetration over the smallest facet that is probably not meant to be resolved at once.
 DEEP = 0.25
 
 #: Chord error of facets over clearance or interference that changes results.
 COARSE = 0.1
 
-#: Chord error over the smallest facet that coordinates from a file in single precision may have.
+#: Chord error over the smallest facet that single precision of coordinates in a file can cause.
 STRAIGHT = 1e-5
 
 
 def advise(model: ContactModel) -> None:
-    """Warn, on all ranks, of what is suspicious about the first pairing. Collective."""
+    """Warn, on all ranks, of probable mistakes at the first contact detection. Collective."""
     if model.is_scalar:
         text = _pairing(model)
         if not text and _total(model, len(model.gaps[0].rows.reached)) == 0:
@@ -52,7 +52,7 @@ def advise(model: ContactModel) -> None:
         if text:
             tell(model, "pairs", text)
         return
-    if model.with_itself:  # of which most faces nothing
+    if model.with_itself:  # most of this surface faces nothing
         text = _overclosure(model)
         if text:
             tell(model, "initial overclosure", text)
@@ -66,17 +66,17 @@ def advise(model: ContactModel) -> None:
             tell(model, kind, text)
 
 
-# --- Nothing, or little, is paired
+# --- Few or no nodes are paired
 
 
 class Candidates(typing.NamedTuple):
-    """Slave nodes of all ranks, where hardly any is paired.
+    """Numbers of slave nodes of all ranks, for the case that few or none are paired.
 
     Attributes:
-        near: Those in the master's surroundings, of the size of the search radius.
-        turned: Those that would be paired if normals were turned.
-        facing: Those that face the master at any distance.
-        away: The least of these distances (length).
+        near: Nodes within the search distance of the master's bounding box.
+        turned: Nodes that would be paired if the normals were reversed.
+        facing: Nodes that face the master at any distance.
+        away: The smallest distance of a facing node (length).
     """
 
     near: int
@@ -108,7 +108,7 @@ def _pairing(model: ContactModel) -> str:
             "the chosen facets or tags, and a rigid tool's normal or the orientation of its facets"
         )
     if found.facing <= max(2 * rows, FEW * found.near):
-        return ""  # a free side, say, at right angles to the die that it will fold on
+        return ""  # for example a free side at right angles to the die onto which it will fold
     return (
         f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, but "
         f"{found.facing} nodes face the master at distances from {found.away:.3g} on: give a "
@@ -129,7 +129,7 @@ def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
 
 
 def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> Candidates:
-    """Pair with turned normals, and without a radius."""
+    """Count nodes that are paired with reversed normals, and without a search distance."""
     slave, master = model.slave.linear, deformable(model.master)
     other = (model.master if master is None else master.linear).search_object(slave)
     x, inside, _ = slave.coordinates
@@ -182,7 +182,7 @@ def _finer_master(model: ContactModel) -> str:
 def local_sizes(model: ContactModel) -> tuple[float, float] | None:
     """Mean facet size of slave and master where they are paired. Collective.
 
-    None if nothing is, or the master has no facets that count.
+    None if nothing is paired, or the master has no relevant facets.
     """
     master = deformable(model.master)
     if master is None:
@@ -227,16 +227,17 @@ def _overclosure(model: ContactModel) -> str:
     )
 
 
-# --- Facets for curves
+# --- Facets of curved surfaces
 
 
 class ChordErrors(typing.NamedTuple):
-    """What facets that stand for curves do to the gap between surfaces that are curved alike.
+    """Effect of chord errors of facets on the gap between surfaces that are curved alike.
 
     Attributes:
-        of_sides: Largest chord error of slave and master (length), 0 of what counts as curved.
-        error: By how much they change the gap (length).
-        gap: Largest clearance or interference there (length).
+        of_sides: Largest chord error of slave and master (length); 0 for a side that is treated as
+            curved.
+        error: Largest change of the gap by chord errors (length).
+        gap: Largest clearance or interference of these surfaces (length).
     """
 
     of_sides: Array
@@ -245,7 +246,7 @@ class ChordErrors(typing.NamedTuple):
 
 
 def chord_errors(settings: Settings) -> ChordErrors | None:
-    """Chord errors that change gaps much, as surfaces are paired first; None if none do.
+    """Chord errors that change gaps significantly at the first contact detection, or None.
 
     Collective.
     """
@@ -260,7 +261,7 @@ def chord_errors(settings: Settings) -> ChordErrors | None:
     found = find_conforming(slave, master, degree, radius_of(settings), smoothing)
     if found.part < FEW:
         return None
-    bulges = found.bulges * flat  # what is measured from the curved surface has no chords
+    bulges = found.bulges * flat  # gaps measured from a curved surface have no chord errors
     local = bulges[:, 0], bulges[:, 1], bulges[:, 0] - bulges[:, 1], found.gap
     largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
     slave.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
@@ -273,7 +274,7 @@ def chord_errors(settings: Settings) -> ChordErrors | None:
 
 
 def _flat_sides(settings: Settings) -> npt.NDArray[np.bool_]:
-    """Whether gaps are measured from the facets of slave and master, as they are."""
+    """Whether gaps are measured from the uncorrected facets of slave and master."""
     smoothing, analytic = settings.sampling.smoothing, settings.master.is_analytic
     assert smoothing is not None
     return np.array(
@@ -287,7 +288,7 @@ def _with_facets(settings: Settings) -> tuple[AnySurface, ...]:
 
 
 def chords(model: ContactModel) -> str:
-    """What chord errors of facets do to the gap, if it is much; otherwise empty. Collective."""
+    """Warning about chord errors that change the gap significantly; otherwise empty. Collective."""
     settings = model.settings
     found = chord_errors(settings)
     if found is None:
@@ -303,7 +304,7 @@ def chords(model: ContactModel) -> str:
 
 
 def _text(settings: Settings, found: ChordErrors) -> str:
-    """What chord errors do."""
+    """Describe the effect of chord errors on the gap."""
     (slave, master), error, gap = found.of_sides, found.error, found.gap
     beside = "; there is no clearance or interference beside it"
     if gap > STRAIGHT * error:
@@ -321,7 +322,7 @@ def _text(settings: Settings, found: ChordErrors) -> str:
 
 
 def smoothed(settings: Settings) -> Settings:
-    """The same with gaps between the curved surfaces that facets stand for. Collective."""
+    """Same settings, with gaps between the curved surfaces that facets approximate. Collective."""
     both = "shared-curvature", None if settings.master.is_analytic else "shared-curvature"
     smoothing = Smoothing(settings.slave, settings.master, both)
     return dataclasses.replace(settings, sampling=settings.sampling._replace(smoothing=smoothing))
@@ -332,7 +333,7 @@ def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
 
     Args:
         model: The contact.
-        found: Why.
+        found: The chord errors that are the reason.
     """
     finer = _finer(model, found.of_sides, COARSE * found.gap)
     tell(
@@ -347,16 +348,17 @@ def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
 
 
 def _vary_with(comm: MPI.Intracomm, gap: Array, error: Array) -> bool:
-    """Whether facets stand for curves, and not for themselves. Collective.
+    """Whether facets approximate a curved surface, and are not the surface itself. Collective.
 
-    Bodies that are curved have the chord errors in the gap of their facets, which varies with them.
-    A pyramid is as flat as its facets, and what lies on it has no such gap. The line that fits gaps
-    over chord errors best tells: its slope is 1 or 0.
+    For curved bodies, the gap between facets contains the chord errors and varies with them. A
+    pyramid, in contrast, is as flat as its facets, and a body that lies on it has no such gap. The
+    slope of the line that fits gaps over chord errors best distinguishes the two cases: it is 1 or
+    0.
 
     Args:
         comm: Communicator of the surfaces.
-        gap: Between curved surfaces at points (length).
-        error: What chord errors add to it there (length).
+        gap: Gap between the curved surfaces at points (length).
+        error: Contribution of chord errors to the gap at these points (length).
     """
     measured = gap + error
     sums = np.array([len(gap), error.sum(), measured.sum(), error @ error, error @ measured])
@@ -365,23 +367,23 @@ def _vary_with(comm: MPI.Intracomm, gap: Array, error: Array) -> bool:
 
 
 def _bent(sides: typing.Sequence[AnySurface], flat: npt.NDArray[np.bool_]) -> str:
-    """Remedies that let facets be as curved as their meshes are, as a part of an advice.
+    """Text of the remedies by which contact uses curved facets, for a warning.
 
     Args:
         sides: Slave and master.
-        flat: Which of them contact takes for flat facets.
+        flat: Sides whose facets contact treats as flat.
     """
     bodies = [deformable(side) for side, is_flat in zip(sides, flat, strict=False) if is_flat]
     if not all(body is not None and body.largest_height > 0 for body in bodies):
         return "meshes of degree 2, as qs.elevate makes them, and displacements of degree 2"
     return (
-        'displacements of degree 2, since sliding="finite" takes facets for flat where these are '
-        'of degree 1, or sliding="small"'
+        'displacements of degree 2, since sliding="finite" treats facets as flat if displacements '
+        'are of degree 1, or sliding="small"'
     )
 
 
 def _finer(model: ContactModel, errors: Array, allowed: float) -> str:
-    """Facets whose chord errors are as small as allowed, as a part of an advice."""
+    """Text of the facet size at which chord errors are as small as allowed, for a warning."""
     analytic = model.master.is_analytic
     sizes = (sum(model.slave.facet_size_range) / 2,) if analytic else local_sizes(model)
     coarser = int(np.argmax(errors))

@@ -1,4 +1,4 @@
-"""What a contact cannot be made of."""
+"""Checks of the arguments of a contact."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MASTER = instance(Surface | RigidSurface, "a qsdolfinx.Surface, or a rigid tool"
 
 
 def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
-    """Refuse surfaces that cannot be in contact."""
+    """Raise an error for surfaces that cannot be in contact."""
     check(SLAVE, slave=slave)
     check(MASTER, master=master)
     same = slave.gdim == master.gdim
@@ -33,7 +33,7 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
 
 
 def default_enforcement(formulation: str, law: typing.Any) -> str:
-    """An augmented Lagrangian, but where there is none."""
+    """Default of ``enforcement``: augmented Lagrangian wherever it is available."""
     none = formulation == "double-pass" or isinstance(law, Conductance)
     none |= isinstance(law, Law) and bool(law.memory)
     return "penalty" if none else "augmented-lagrangian"
@@ -42,7 +42,7 @@ def default_enforcement(formulation: str, law: typing.Any) -> str:
 def default_constraints(
     quadrature: str, formulation: str, law: Law, enforcement: str, sliding: str
 ) -> str:
-    """At points, where they are defined; a law of the user's needs multipliers there."""
+    """Default of ``constraints``: points where available; a user's law needs multipliers there."""
     if sliding == "finite" and not law.jump:
         return "points"
     points = quadrature == "overlay" and formulation != "double-pass" and not law.memory
@@ -51,7 +51,7 @@ def default_constraints(
 
 
 class Given(typing.NamedTuple):
-    """Arguments of :class:`qs.Contact` that scalar fields leave as they are by default."""
+    """Arguments of :class:`qs.Contact` that must have their defaults for scalar fields."""
 
     formulation: str = "quasi-symmetric"
     quadrature: str = "overlay"
@@ -70,7 +70,7 @@ def check_field(
     penalty: float | str,
     given: Given,
 ) -> None:
-    """Refuse what contact of scalar fields has not, and what it alone has."""
+    """Raise an error for options that scalar fields do not have, or that only they have."""
     conducts = isinstance(law, Conductance)
     if not slave.is_scalar:
         require(not conducts, "law: Conductance is for surfaces on scalar spaces")
@@ -102,9 +102,9 @@ _OF = "leave it out; the contact in mechanics determines it"
 def check_of_use(
     slave: Surface, law: Law, of: typing.Any, given: Given, shares: bool, **search: typing.Any
 ) -> None:
-    """Refuse a contact of the bodies that is missing, or not used.
+    """Raise an error if ``mechanics`` is missing, or given without use.
 
-    And other ways to pair, if the field shares the bodies' pairs.
+    Options of contact detection are not allowed either if the field uses the bodies' contact pairs.
     """
     needed = isinstance(law, Conductance) and (law.of_state or law.friction is not None)
     if of is None:
@@ -127,7 +127,7 @@ def check_of_use(
 
 
 def check_formulation(formulation: str, enforcement: str, master: AnySurface) -> None:
-    """Refuse multipliers where they cannot be."""
+    """Raise an error for double-pass contact with a rigid tool, or with an augmented Lagrangian."""
     both = formulation == "double-pass"
     require(
         not both or master.V is not None,
@@ -142,7 +142,7 @@ def check_formulation(formulation: str, enforcement: str, master: AnySurface) ->
 
 
 def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
-    """Refuse constraints at points where nodes are what counts."""
+    """Raise an error for constraints at points with nodal quadrature or tied contact."""
     if constraints == "nodes":
         return
     require(quadrature == "overlay", 'constraints: "points" needs quadrature="overlay"')
@@ -153,7 +153,7 @@ def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
 
 
 def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> None:
-    """Refuse a law that remembers where it is not asked at nodes, with what it is told."""
+    """Raise an error for a law with history variables that the other arguments do not support."""
     if not law.memory:
         return
     of = "a law that remembers "
@@ -170,7 +170,7 @@ def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> 
 
 
 def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
-    """Refuse smoothing where the gap is not measured between facets."""
+    """Raise an error for smoothing where the gap is not measured between facets."""
     require(
         sides == (None, None) or quadrature == "overlay",
         "smoothing: nodal quadrature does not measure the gap of the facets between nodes; "
@@ -186,7 +186,7 @@ def check_sliding(
     sides: tuple[Side, Side],
     law: Law,
 ) -> None:
-    """Refuse what is not defined where contact follows the bodies."""
+    """Raise an error for arguments that are not available with finite sliding."""
     if sliding == "small":
         return
     of = 'sliding: "finite" '
@@ -208,7 +208,7 @@ def check_itself(
     sides: tuple[Side, Side],
     unknown: str | typing.Sequence[str],
 ) -> None:
-    """Refuse what is not defined for a surface that touches itself."""
+    """Raise an error for arguments that are not available for self-contact."""
     of = "contact of a surface with itself "
     require(
         formulation != "double-pass",
@@ -225,7 +225,7 @@ def check_itself(
 
 
 def check_friction(friction: typing.Any, slave: Surface) -> None:
-    """Refuse friction of another type, or with parameters of another mesh."""
+    """Raise an error for friction of another type, or with parameters on another mesh."""
     check(either(instance(Friction, "a law such as qs.Coulomb(0.2)"), None), friction=friction)
     for name, value in friction.parameters.items() if friction is not None else ():
         fits = not isinstance(value, fem.Function) or value.function_space.mesh is slave.mesh
@@ -233,7 +233,7 @@ def check_friction(friction: typing.Any, slave: Surface) -> None:
 
 
 def check_friction_use(friction: Friction | None, penalty: float | None, law: Law) -> None:
-    """Refuse a penalty of no friction, and friction of tied contact."""
+    """Raise an error for a friction penalty without friction, or friction of tied contact."""
     require(friction is not None or penalty is None, "friction_penalty: needs friction")
     slips = friction is None or not law.jump
     require(slips, "friction: tied contact sticks already; leave it out, or use Unilateral()")

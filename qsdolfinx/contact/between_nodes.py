@@ -1,4 +1,4 @@
-"""Points that have gone in between nodes whose weighted gaps are closed."""
+"""Checks for points that penetrate between nodes whose weighted gaps are closed."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Depth of a point, in units of the slave's facet there, that is not left to weighted gaps. Smooth
-#: bodies that are resolved leave some hundredths, and so do ends of contact: test_round_and_graded.
+#: Depth of a point, in units of the slave's facet size there, above which a warning is given. Well
+#: resolved smooth bodies have depths of some hundredths, also at the ends of contact zones:
+#: test_round_and_graded.
 NOTICED = 0.08
 
-#: The same of a corner where nothing else carries anything: it should bear from the first touch on.
+#: Such a depth of a corner if nothing else carries a load: it should carry load from first contact.
 ALONE = 0.01
 
-#: The same, in units of the largest weighted gap: a soft penalty lets in all around a node.
+#: Such a depth in units of the largest weighted gap: a soft penalty allows this all around a node.
 UNEVEN = 3.0
 
 
 def find_deep_between_nodes(model: ContactModel) -> str | None:
-    """What to say of points that are deep where the weighted gaps of nodes are closed. Collective.
+    """Warning about points that penetrate where weighted gaps are closed, or None. Collective.
 
-    What is open around an edge between two nodes is set off against it, so that there may be no
-    force at all. Depths are those that constraints at points would see: along the pairs' normals,
-    linear in displacements since the pairing.
+    Around an edge between two nodes, open gaps may compensate its penetration in the weighted gap,
+    so that there may be no force at all. Depths are those of constraints at points: along the
+    normals of the pairs, linear in displacements since contact detection.
 
     Args:
         model: The contact, solved.
@@ -83,12 +84,12 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
 
 
 def find_deep_corners(model: ContactModel) -> str | None:
-    """What to say of deep corners of the slave: their sides' weighted gaps see them late.
+    """Warning about corners of the slave that penetrate before weighted gaps close, or None.
 
     Collective.
     """
     sharp = sharp_nodes(model.slave)
-    if model.settings.sharp[0]:  # the pass of the slave's vertices, which bear from the first touch
+    if model.settings.sharp[0]:  # constraints of the slave's vertices, active from first contact
         sharp[model.of_vertices[0].rows.reached] = False
     none = model.law.jump or model.with_itself
     if none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
@@ -99,7 +100,7 @@ def find_deep_corners(model: ContactModel) -> str | None:
     limit = max(limit, UNEVEN * results.mean_penetration(model))
     try:
         at_nodes = gap_at_nodes(model, "slave")
-    except DegenerateFacetsError:  # there is no distance to them
+    except DegenerateFacetsError:  # there is no distance to such facets
         return None
     depth = np.where(sharp, np.nan_to_num(at_nodes, nan=0.0), 0.0)
     deepest = float(depth.max(initial=0.0))
@@ -144,6 +145,6 @@ def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:
 
 
 def _deepest_when_paired(model: ContactModel) -> float:
-    """Depth of the deepest pairing point where it was paired. Collective."""
+    """Depth of the deepest contact quadrature point at contact detection. Collective."""
     deepest = max(float(np.max(-gap.points.gap, initial=0.0)) for gap in model.gaps)
     return float(model.comm.allreduce(deepest, op=MPI.MAX))

@@ -1,4 +1,4 @@
-"""Rows that are open between closed ones by less than a mesh can tell: they are in contact too."""
+"""Constraints with tiny gaps between active constraints: they count as in contact."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from qsdolfinx.surface.trace import TraceValues
 
 Flags = npt.NDArray[np.bool_]
 
-#: Gap over the size of the facets around a node that no mesh of this size can tell from none.
+#: Gap over the size of the facets around a node that is below the resolution of the mesh.
 NARROW = 1e-3
 
-#: Part of a node's points that have to be closed before others of them may be bridged.
+#: Part of a node's points that must be active before its other points may be bridged.
 MOST = 0.5
 
-#: What is known of a node: in contact, perhaps, not.
+#: State of a node: in contact, perhaps in contact, not in contact.
 CLOSED, NARROWLY_OPEN, OPEN = 0.0, 1.0, 2.0
 
 
 def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
-    """Rows of a pass that are in contact. Collective.
+    """Constraints of an integration side that are in contact. Collective.
 
-    Beside an edge where the pressure is singular, weighted gaps of closed surfaces take turns: the
-    row beside the edge may be open by a small part of the penetration of its neighbours. A row is
-    in contact all the same if it is open by less than NARROW times its facets, beside a closed one,
-    and if so are all that are open around it: nowhere do they meet an open node that is not.
+    Beside an edge where the pressure is singular, weighted gaps of closed surfaces alternate: the
+    constraint beside the edge may be inactive, with a gap that is a small part of the penetration
+    of its neighbours. Such a constraint counts as in contact under two conditions. Its gap is less
+    than NARROW times its facet size, and it is beside an active constraint. And the same holds for
+    all inactive constraints around it: nowhere are they beside an open node for which it does not
+    hold.
     """
     closed = active_set.closed(model, gap)
     if model.law.linear or model.is_scalar or gap.rows.are_points:
@@ -51,15 +53,15 @@ def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
 
 
 def like_neighbours(surface: Surface, closed: Flags, flags: Flags, bridged: Flags) -> Flags:
-    """Flags of closed nodes, and at bridged ones what most closed nodes beside them have.
+    """Flags of active nodes; at bridged nodes, the flag of most active nodes beside them.
 
     Collective.
 
     Args:
         surface: The surface.
-        closed: Owned nodes that are closed.
-        flags: Of these.
-        bridged: Owned nodes that are in contact and not closed.
+        closed: Owned nodes that are active.
+        flags: Flags of the active nodes.
+        bridged: Owned nodes that are in contact and not active.
     """
     if not surface.comm.allreduce(bool(bridged.any()), op=MPI.LOR):
         return flags
@@ -78,11 +80,11 @@ def like_neighbours(surface: Surface, closed: Flags, flags: Flags, bridged: Flag
 
 
 def between_closed(surface: Surface, state: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """1 at the owned nodes that are closed or between closed ones, else 0. Collective.
+    """1 at the owned nodes that are active or between active nodes, otherwise 0. Collective.
 
     Args:
         surface: The surface.
-        state: Of its owned nodes.
+        state: State of its owned nodes.
     """
     trace, vec = TraceValues(surface), surface.create_vec()
     own = surface.node_dofs[:, 0] - vec.owner_range[0]
@@ -104,6 +106,6 @@ def between_closed(surface: Surface, state: npt.NDArray[np.float64]) -> npt.NDAr
 
 
 def _put(vec: PETSc.Vec, dofs: npt.NDArray[np.int64], value: float) -> None:
-    """Set entries, of other ranks too. Collective."""
+    """Set entries of a vector, also entries of other ranks. Collective."""
     vec.setValues(dofs.astype(PETSc.IntType), np.full(len(dofs), value))
     vec.assemble()

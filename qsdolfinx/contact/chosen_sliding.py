@@ -1,4 +1,4 @@
-"""Whether contact's geometry follows the bodies, where the user leaves that open."""
+"""Choice between small and finite sliding where ``sliding`` is not given."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 
 def let_follow(models: typing.Sequence[ContactModel]) -> None:
-    """Give contacts finite sliding if their ``sliding`` is left open. Collective.
+    """Give contacts finite sliding if their ``sliding`` was not given. Collective.
 
-    They pair anew. Small sliding stay those of bodies in velocities, which pair anew in each step;
-    those that a field which is solved for at once takes its pairs from; those with tools that
-    moments drive; those near whose creases small sliding alone has points; and those that have been
-    solved for.
+    Their contact pairs are updated. The following contacts keep small sliding: contacts of
+    velocity-based bodies, whose contact pairs are updated in each step; contacts whose pairs are
+    used by a field that is solved for at the same time; contacts with tools driven by moments;
+    contacts with sharp edges close to each other, for which only small sliding has points; and
+    contacts that have already been solved for.
     """
     paired = bodies_of_fields(models)
     for model in models:
@@ -40,34 +41,34 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
 
 
 def _is_turned(model: ContactModel) -> bool:
-    """Whether a moment drives its tool."""
+    """Whether the contact has a tool that is driven by a moment."""
     tool = as_tool(model.master)
     return tool is not None and tool.driven is not None and tool.driven.turns
 
 
 def _needs_creases(model: ContactModel, finite: Settings) -> bool:
-    """Whether creases or corners are near each other that small sliding alone has points of.
+    """Whether sharp edges or corners are paired for which only small sliding has points.
 
     Collective.
     """
     small = model.settings
-    # Corners of tools are the last of the vertices, and edges come after these.
+    # Corners of tools come last among the vertices; edges follow after the vertices.
     count = len(small.roles_of_vertices) - len(finite.roles_of_vertices) + len(small.roles_of_edges)
     found = any(gap.points.size for gap in model.gaps[len(model.gaps) - count :] if count)
     return bool(model.comm.allreduce(found, op=MPI.LOR))
 
 
 def bodies_of_fields(models: typing.Sequence[ContactModel]) -> list[ContactModel]:
-    """Those among contacts whose pairs scalar fields among them have."""
+    """Contacts whose pairs are used by contacts of scalar fields in the same list."""
     of = [m.mechanics.of for m in models if m.mechanics is not None and m.mechanics.shares_pairs]
     return [model for model in models if any(model is other for other in of)]
 
 
 def check_fields(models: typing.Sequence[ContactModel]) -> None:
-    """Refuse fields that are solved for at once with bodies that contact follows.
+    """Raise an error for fields solved for together with bodies that have finite sliding.
 
     Raises:
-        ValueError: If there are any.
+        ValueError: If there are such fields.
     """
     for model in bodies_of_fields(models):
         require(
@@ -78,7 +79,7 @@ def check_fields(models: typing.Sequence[ContactModel]) -> None:
 
 
 def _finite(settings: Settings) -> Settings:
-    """The same with finite sliding."""
+    """Same settings with finite sliding."""
     follows, sampling = not settings.law.jump, settings.sampling
     sides = settings.slave, settings.master
     sampling = sampling._replace(

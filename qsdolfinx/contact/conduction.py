@@ -1,4 +1,4 @@
-"""Conductances and heat of friction of a contact of scalar fields. All functions are collective."""
+"""Conductances and frictional heat of contact of scalar fields. All functions are collective."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 
-#: Kind of the finding of gaps that are too wide to be paired.
+#: Kind of the finding about gaps that are too wide to be paired.
 WIDE = "wide gaps"
 
-#: Conductance over the largest that there is, of a gap that does not conduct.
+#: Conductance over the largest present conductance below which a gap counts as not conducting.
 NOTHING = 1e-2
 
 
 def begin(model: ContactModel) -> None:
-    """Prepare what has been paired for its first evaluation."""
+    """Prepare new contact pairs for their first evaluation."""
     law, gap = model.law, model.gaps[0]
     if not isinstance(law, Conductance):
         return
@@ -39,11 +39,12 @@ def begin(model: ContactModel) -> None:
 
 
 def look(model: ContactModel) -> None:
-    """Take what the user may have changed, before the gaps are evaluated.
+    """Check and use numbers that the user may have changed, before gaps are evaluated.
 
     Raises:
         ValueError: If a number is out of range, or differs between ranks.
-        RuntimeError: If the bodies' contact has not been solved where it is paired.
+        RuntimeError: If the bodies' contact has not been solved since its contact pairs were
+            updated.
     """
     law, gap, mechanics = model.law, model.gaps[0], model.mechanics
     if not isinstance(law, Conductance):
@@ -62,7 +63,7 @@ def look(model: ContactModel) -> None:
 
 
 def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Find h, and the power of friction, after the gaps have been evaluated."""
+    """Compute h, and the power of friction, after the gaps have been evaluated."""
     law, gap = model.law, model.gaps[0]
     own = gap.operator.apply(slave.handle, handle_of(master), (1.0, 0.0))[:, 0]
     least, largest = np.min(own, initial=np.inf), np.max(own, initial=-np.inf)
@@ -71,7 +72,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         return
     state = _state(model, law, gap, slave, master) if law.of_state else ()
     model.conduction_state = state
-    with collective_errors(model.comm):  # h may be the user's
+    with collective_errors(model.comm):  # h may be user code
         gap.state.conductance = law.values(gap.num_rows, state)
     if law.of_state and WIDE not in model.told:
         _advise(model, law, gap)
@@ -83,7 +84,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
 
 
 def _advise(model: ContactModel, law: Conductance, gap: WeightedGap) -> None:
-    """Warn once where h still conducts at the distance beyond which nothing is paired."""
+    """Warn once if h still conducts at the search radius, beyond which nothing is paired."""
     assert model.mechanics is not None
     radius = model.mechanics.of.paired.search_radius
     wide, present = gap.points.num_unpaired, gap.state.conductance
@@ -112,7 +113,7 @@ def _state(
     slave: PETSc.Vec,
     master: PETSc.Vec | None,
 ) -> tuple[Array, ...]:
-    """What h is a function of, at the points."""
+    """Arguments of h at the points: pressure, distance and, if needed, temperatures."""
     mechanics = model.mechanics
     assert mechanics is not None
     pressure = mechanics.pressure()

@@ -1,4 +1,4 @@
-"""What conductances that depend on the state of contact add to the tangent. Collective."""
+"""Tangent terms of conductances that depend on the state of contact. Collective."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
 
-#: Step of differences of h, relative to the largest value of what is changed.
+#: Step of the finite differences of h, relative to the largest value of the changed argument.
 STEP = 1e-7
 
 
 class ConductanceCoupling:
-    """∂q/∂T, ∂q/∂u of fluxes q = h(p, g, T_s, T_m) ⟦T⟧ at the points of one pairing, but for h.
+    """Parts of ∂q/∂T, ∂q/∂u by derivatives of h, for fluxes q = h(p, g, T_s, T_m) ⟦T⟧ at points.
 
-    With J the jump of the field at the points, N the functions of multipliers there, and G gaps of
-    the bodies, the tangent gets Jᵀ W ⟦T⟧ (∂h/∂p N λ' G − ∂h/∂g G_p + ∂h/∂T_s J_s − ∂h/∂T_m J_m). Of
-    u if the field is one of the same mixed unknown as the bodies' displacement.
+    The points are those of one contact detection. With J the jump of the field at the points, N the
+    functions of multipliers there, and G the gaps of the bodies, the tangent gets Jᵀ W ⟦T⟧ (∂h/∂p N
+    λ' G − ∂h/∂g G_p + ∂h/∂T_s J_s − ∂h/∂T_m J_m). Derivatives by u exist if the field is in the
+    same mixed unknown as the displacement of the bodies.
 
     Args:
-        model: The contact of the field, paired.
+        model: The contact of the field, after contact detection.
     """
 
     def __init__(self, model: ContactModel) -> None:
@@ -52,13 +53,13 @@ class ConductanceCoupling:
                 self._functions = _functions(self._mechanics, of_gap.operator)
 
     def destroy(self) -> None:
-        """Free the matrices; in parallel petsc4py would keep them. Collective."""
+        """Free the matrices, which petsc4py would keep in parallel. Collective."""
         for matrix in (*self._jump, *self._gaps, *self._at_points, self._functions):
             if matrix is not None:
                 matrix.destroy()
 
     def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
-        """Add to the blocks, or zeros wherever anything may ever be added."""
+        """Add to the blocks; for a pattern, add zeros wherever entries are possible."""
         model = self._model
         count = model.gaps[0].num_rows
         changes = [np.ones(count)] * 4 if pattern else self._changes()
@@ -71,13 +72,13 @@ class ConductanceCoupling:
 
     @property
     def of_bodies(self) -> ContactModel | None:
-        """The bodies' contact, if its multipliers are unknowns beside those of the field."""
+        """The bodies' contact if its multipliers are unknowns together with those of the field."""
         of = self._mechanics.of
         known = of.augmented or of.has_multipliers_at_points
         return of if self._gaps and known else None
 
     def by_multipliers(self) -> list[PETSc.Mat]:
-        """Derivatives of each side's flow by λ̂ at the rows of the bodies' gaps, new. Collective."""
+        """New derivatives of each side's flow by the bodies' multipliers λ̂. Collective."""
         of, out = self._mechanics.of, []
         gap, slope = of.gaps[0], active_set.slope(of, of.gaps[0])
         pressed = slope / (of.eps * gap.relative_penalty)
@@ -99,7 +100,7 @@ class ConductanceCoupling:
         return out
 
     def _changes(self) -> list[Array]:
-        """W ⟦T⟧ ∂h of the four arguments, at the points."""
+        """W ⟦T⟧ ∂h for the four arguments of h, at the points."""
         model, law, gap = self._model, self._law, self._model.gaps[0]
         state = list(model.conduction_state)
         factor = gap.weight * gap.state.values[:, 0]
@@ -113,7 +114,7 @@ class ConductanceCoupling:
     def _columns(
         self, changes: typing.Sequence[Array], pattern: bool
     ) -> typing.Iterator[PETSc.Mat]:
-        """What the points' fluxes depend on, of each side's unknowns."""
+        """Derivatives of the points' fluxes by the unknowns of each side."""
         of = self._mechanics.of
         of_p, of_g, of_own, of_other = changes
         num_rows = of.gaps[0].num_rows
@@ -141,7 +142,7 @@ def _both(slave: Surface, master: AnySurface) -> list[Surface]:
 
 
 def _matrix(operator: _cpp.GapOperator, side: int, surface: Surface) -> PETSc.Mat:
-    """One side of an operator with scalar rows, without what conditions hold. Collective."""
+    """Matrix of one side of a scalar operator, without constrained unknowns. Collective."""
     offset, column, coefficients = operator.entries(side)
     unknowns = operator.columns(side)[column]
     kept = unknowns >= 0
@@ -156,7 +157,7 @@ def _matrix(operator: _cpp.GapOperator, side: int, surface: Surface) -> PETSc.Ma
 
 
 def _functions(mechanics: Mechanics, operator: _cpp.GapOperator) -> PETSc.Mat:
-    """N_k at the points, a column for each row of the bodies' gaps. Collective."""
+    """N_k at the points, with a column for each constraint of the bodies. Collective."""
     comm, points = mechanics.of.comm, mechanics.of.gaps[0].points
     N, count = np.asarray(points.multiplier_values), operator.num_rows
     first = comm.exscan(count) or 0
@@ -172,7 +173,7 @@ def _functions(mechanics: Mechanics, operator: _cpp.GapOperator) -> PETSc.Mat:
 
 
 def _scaled(matrix: PETSc.Mat, factor: Array) -> PETSc.Mat:
-    """A new matrix whose rows are multiplied. Collective."""
+    """New matrix with rows multiplied by factors. Collective."""
     out, left = matrix.copy(), matrix.createVecLeft()
     left.array[:] = factor
     out.diagonalScale(L=left)
@@ -181,7 +182,7 @@ def _scaled(matrix: PETSc.Mat, factor: Array) -> PETSc.Mat:
 
 
 def _insert(product: PETSc.Mat, block: PETSc.Mat | None, surface: Surface, pattern: bool) -> None:
-    """Add the rows of a surface's unknowns to a block, which is not assembled here."""
+    """Add the rows of a surface's unknowns to a block, without assembling it."""
     assert block is not None
     first = product.getOwnershipRange()[0]
     for row in surface.own_trace + first:

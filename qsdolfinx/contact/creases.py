@@ -1,4 +1,4 @@
-"""Creases of two bodies in 3D that have gone through each other, where contact has no points."""
+"""Check for sharp edges of two bodies in 3D that cross where contact has no points."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 
-#: Depth, in units of the smallest facet, of creases that cross.
+#: Depth, in units of the smallest facet, above which crossing sharp edges give a warning.
 NOTICED = 0.02
 
 
 def find_crossing_edges(model: ContactModel) -> str | None:
-    """What to say of sharp edges that cross within each other. Collective.
+    """Warning about sharp edges that penetrate where they cross, or None. Collective.
 
-    Contact that follows the bodies has points on facets and at vertices, not where edges cross.
+    Contact with finite sliding has points on facets and at vertices, but not where edges cross.
 
     Args:
         model: The contact, solved.
@@ -29,7 +29,7 @@ def find_crossing_edges(model: ContactModel) -> str | None:
     now = model.placement
     try:
         moved = now.slave.facets(), now.master.facets()
-    except DegenerateFacetsError:  # they have no distances
+    except DegenerateFacetsError:  # such facets have no distances
         return None
     role = EdgesRole(model.slave, model.master, (True, True), moved)
     edges = _edges(model.slave, now), _edges(model.master, now)
@@ -45,7 +45,7 @@ def find_crossing_edges(model: ContactModel) -> str | None:
 
 
 def _edges(surface: AnySurface, now: Placement) -> Edges:
-    """Those of a side where it is. Collective."""
+    """Sharp edges of one side at its present position. Collective."""
     tool = as_tool(surface)
     facets = as_facets(surface, now.slave.surface.axisymmetric)
     if tool is None:

@@ -1,7 +1,8 @@
-"""Points that have passed through the other surface since an earlier placement, however deep.
+"""Find points that have passed through the other surface since an earlier placement.
 
-Contact sees no further than its search radius, and only what faces it. What came from outside and
-is inside now has passed through, whatever the law of contact has made of it.
+Contact detection finds only what lies within the search radius and faces the surface. A point that
+was outside before and is inside now has passed through the surface, at whatever depth, and whether
+or not the contact law noticed it.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from qsdolfinx.pairing.distance import of_points, on_facets
 Array = npt.NDArray[np.float64]
 
 
-#: Part of its present depth that a point may have had before, to count as one from outside.
+#: Part of its present depth that a point may have had before and still count as from outside.
 OUTSIDE = 0.5
 
-#: Part of the motion by which a point may be deeper than it has moved: paths are not straight.
+#: Part of its motion by which the depth of a point may exceed the motion: paths are not straight.
 PATH = 0.1
 
 
 def motion_since(model: ContactModel, before: Placement) -> float:
-    """How far points of the two surfaces have at most moved relative to each other. Collective.
+    """Bound of the relative motion of the two surfaces since a placement. Collective.
 
     Args:
         model: The contact, evaluated.
-        before: Where the surfaces were.
+        before: The earlier placement of the surfaces.
 
     Returns:
         A bound (length).
@@ -54,7 +55,8 @@ def motion_since(model: ContactModel, before: Placement) -> float:
 def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, Array | None]:
     """Displacements of the trace's nodes of both sides, (facets, nodes, 3). Collective.
 
-    Those of the slave are relative to a rigid tool, for which there is None.
+    With a rigid tool, those of the slave are relative to the tool, and those of the master are
+    None.
     """
     now = model.placement
     if isinstance(now.master, ToolPlace):
@@ -69,21 +71,21 @@ def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, 
 def deepest_crossing(
     model: ContactModel, before: Placement, moved: float, least: float, unpaired: float = np.inf
 ) -> DeepPlace | None:
-    """The deepest point that was outside the other surface before, and is inside now. Collective.
+    """Deepest point that was outside the other surface before and is inside now. Collective.
 
     Args:
         model: The contact, evaluated.
-        before: Where the surfaces were.
-        moved: Bound of their relative motion, see :func:`motion_since`.
-        least: Depth (length) that counts.
-        unpaired: The same at slave nodes that no pairing point reaches.
+        before: The earlier placement of the surfaces.
+        moved: Bound of the relative motion, see :func:`motion_since`.
+        least: Smallest depth (length) that is reported.
+        unpaired: Such a depth for slave nodes that no contact quadrature point reaches.
 
     Raises:
         DegenerateFacetsError: If a facet has no area.
     """
-    if model.with_itself:  # what is within the body is so all the time
+    if model.with_itself:  # points within the body are always inside
         return None
-    # What is further from the other surface cannot have come from outside.
+    # Points further from the other surface cannot have come from outside.
     radius = model.paired.search_radius + (1 + PATH) * moved
     found: list[tuple[float, tuple[float, ...], str]] = []
     for side, nodes in _sampled(model):
@@ -111,7 +113,7 @@ def _longest(comm: MPI.Intracomm, vectors: Array) -> float:
 
 
 def _carried(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Array]:
-    """Moves points as a tool has moved."""
+    """Function that moves points as the tool has moved."""
     d = before.tool.gdim
     first, last = before.now, now.now
     R = last[:, :d] @ first[:, :d].T
@@ -126,13 +128,13 @@ def _carried(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Arra
 
 
 def _sampled(model: ContactModel) -> list[tuple[str, bool]]:
-    """Sides, and whether their nodes or points within their facets are followed."""
+    """Sides to be checked, each with a flag: nodes, or points within facets."""
     sides = SIDES[:1] if model.master.is_analytic else SIDES
     return [(side, nodes) for side in sides for nodes in (True, False)]
 
 
 def _depths(placement: Placement, side: str, nodes: bool, radius: float) -> tuple[Array, Array]:
-    """Points of a side in an order that does not depend on where they are, and their depths."""
+    """Points of a side and their depths, in an order that does not depend on positions."""
     place = placement.place(side)
     other = placement.master if side == "slave" else placement.slave
     own = place.facets()
@@ -140,13 +142,13 @@ def _depths(placement: Placement, side: str, nodes: bool, radius: float) -> tupl
     x = points.slave["x"]
     if is_analytic(other):
         distance, _ = other.tool.distance(x, other.now)
-        return x, -distance  # inside is inside, whatever it faces
+        return x, -distance  # a point inside is inside in whatever direction it faces
     found = of_points(x, points.normal, own, other.facets(), radius)
     return x, np.where(found.beside, np.nan, found.depth)
 
 
 def _alone(model: ContactModel) -> npt.NDArray[np.int64]:
-    """Owned slave nodes without a row, as numbers of the deformed surface's."""
+    """Owned slave nodes without a constraint, in the numbering of the deformed surface."""
     gap = model.gaps[0]
     alone = np.setdiff1d(np.arange(len(model.slave.node_area)), gap.rows.reached)
     dofs = model.placement.slave.facets().node_dofs[:, 0]

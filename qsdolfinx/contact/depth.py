@@ -1,7 +1,8 @@
-"""True gaps: signed distances of the deformed surfaces, found when they are asked for.
+"""True gaps: signed distances of the deformed surfaces, computed on request.
 
-The weighted gaps that the law closes are means around nodes: where facets are long beside what
-they meet, or meet it at an angle, surfaces can be closed in the mean and penetrate each other.
+The weighted gaps that the law closes are means around nodes. Where facets are large compared with
+the features they touch, or meet the surface at an angle, surfaces can be closed in the mean and
+still penetrate each other.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ Array = npt.NDArray[np.float64]
 
 SIDES = ("slave", "master")
 
-#: Digits of places in units of the smallest facet, by which the first of equal depths is found.
+#: Digits to which places are rounded, in units of the smallest facet, to order equal depths.
 DIGITS = 9
 
-#: Depths that differ by this part are equal: rounding is not to choose among them.
+#: Relative difference below which depths count as equal, so that rounding does not choose.
 EQUAL = 1e-6
 
 
@@ -61,13 +62,13 @@ class DeepPlace:
 
 @dataclasses.dataclass
 class Measured:
-    """What has been measured of a placement.
+    """Distances that have been measured for a placement.
 
     Attributes:
-        placement: Where the surfaces are.
-        gaps: Of the nodes of a side: signed distance (length), positive in penetration, NaN where
-            nothing is in reach.
-        samples: Of each side that was sampled, all that counts for its depth.
+        placement: Positions of the surfaces.
+        gaps: Signed distance (length) of the nodes of each side, positive in penetration, NaN where
+            nothing is within the search distance.
+        samples: All sampled distances that count for the penetration, for each sampled side.
     """
 
     placement: Placement
@@ -85,15 +86,15 @@ def gap(model: ContactModel, side: str) -> Array:
 
 
 def penetration(model: ContactModel) -> float:
-    """The largest depth of nodes, and of points if there is an overlay; 0 without. Collective."""
+    """Largest depth of nodes and, on an overlay, of points; 0 if there is none. Collective."""
     depths = [float(np.max(_counted(d), initial=0.0)) for _, d in _samples(model)]
     return float(model.comm.allreduce(max(depths), op=MPI.MAX))
 
 
 def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
-    """The deepest places, apart by more than the smallest facet's size. Collective.
+    """Deepest places, more than the size of the smallest facet apart. Collective.
 
-    Without what counts as closed.
+    Depths that count as closed are left out.
     """
     gdim, apart = model.slave.gdim, model.paired.facet_size
     samples = [(side, d.x[:, :gdim], _counted(d)) for side, d in _samples(model)]
@@ -117,7 +118,7 @@ def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
 
 
 def _measured(model: ContactModel) -> Measured:
-    """What is known of the present placement; the same on all ranks."""
+    """Distances known for the present placement; the same on all ranks."""
     known = model.measured
     if not isinstance(known, Measured) or known.placement is not model.placement:
         model.measured = known = Measured(model.placement, {})
@@ -125,13 +126,13 @@ def _measured(model: ContactModel) -> Measured:
 
 
 def _counted(distances: Distances) -> Array:
-    """Depths of what is in front of the other surface, 0 of all else: a new array."""
+    """New array of depths of points in front of the other surface; 0 for all other points."""
     kept = ~distances.beside & (distances.depth > 0)
     return np.where(kept, distances.depth, 0.0)
 
 
 def _gaps(model: ContactModel, side: str) -> Array:
-    """Distances of the nodes of a deformable side, in the order of the surface's. Collective."""
+    """Distances of the nodes of a deformable side, in the order of the surface. Collective."""
     placement, radius = model.placement, model.paired.search_radius
     place = placement.place(side)
     other = placement.master if side == "slave" else placement.slave
@@ -148,7 +149,7 @@ def _gaps(model: ContactModel, side: str) -> Array:
 
 
 def _samples(model: ContactModel) -> list[tuple[str, Distances]]:
-    """Distances of all that counts, measured once for each placement. Collective."""
+    """Distances of all sampled nodes and points, measured once per placement. Collective."""
     measured = _measured(model)
     if measured.samples is None:
         with model.watch.stage("gap"):
@@ -194,7 +195,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
 def _pairs_with_itself(
     model: ContactModel, own: _cpp.Surface, same: _cpp.Surface
 ) -> _cpp.PairingPoints:
-    """Points of a surface and what they touch of it, where it is twice. Collective."""
+    """Contact points of a surface with itself, given as two equal surfaces. Collective."""
     none, radius = Relief.unknown("none"), model.paired.search_radius
     return overlay_points(own, same, model.slave.gdim, radius, (none, none), of_itself=True)
 
@@ -205,7 +206,7 @@ def _depths_in_itself(points: _cpp.PairingPoints) -> Distances:
 
 
 def _gaps_to_itself(model: ContactModel, place: Place) -> Array:
-    """Means of the distances around the owned nodes of the slaves' facets, else NaN. Collective."""
+    """Mean distances around owned nodes of slave facets; NaN at other nodes. Collective."""
     own, same = place.facets(), place.facets()
     points = _pairs_with_itself(model, own, same)
     operator = _cpp.GapOperator(own, same, points, jump=False, rows=KINDS.index("cover"))
@@ -215,7 +216,7 @@ def _gaps_to_itself(model: ContactModel, place: Place) -> Array:
 
 
 def depths_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
-    """Depths of the points of a pass: where they are now, if it follows the bodies. Collective."""
+    """Depths of the points of an integration side, as deformed with finite sliding. Collective."""
     if gap.following is None or gap.cut is None:
         return gaps_of_points(model, gap)
     x, distance = gap.following.points(gap.cut)
@@ -223,10 +224,10 @@ def depths_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
 
 
 def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
-    """Gaps of the pairing points, between curved surfaces: linear in displacements. Collective.
+    """Gaps of the points between curved surfaces, linear in displacements. Collective.
 
-    Also for facets that displacements of degree 2 bend: cut into flat ones, these would have chords
-    of their own.
+    This is also used for facets that displacements of degree 2 bend: divided into flat facets, they
+    would have chord errors themselves.
     """
     surfaces = gap.slave.cpp_object, gap.master.cpp_object
     operator = _cpp.GapOperator(*surfaces, gap.points, jump=False, rows=KINDS.index("points"))

@@ -1,4 +1,4 @@
-"""What a contact shows on both bodies: status, gap and traction as Functions."""
+"""Output fields of a contact on both bodies: status, gap and traction as Functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 Source = typing.Callable[[], fem.Function]
 
-#: Part of a node's area, or of what it faces, that may be rounding.
+#: Part of a node's area, or of the area that it faces, that may be rounding.
 SOME = 1e-10
 
 
@@ -40,27 +40,27 @@ class Status(enum.IntEnum):
 
 
 class Faced(typing.NamedTuple):
-    """For a master's nodes: which a pairing point reaches, and the mean of values they face."""
+    """Master nodes reached by contact quadrature points, and the mean of the values they face."""
 
     reached: npt.NDArray[np.bool_]
     mean: Array
 
 
 def faced(p: WeightedGap, rows: Array) -> Faced:
-    """Means over what the master's nodes of a pass face of values at its rows. Collective.
+    """Means, at master nodes of an integration side, of opposite constraint values. Collective.
 
-    For node l that is Σ_p w_p N_l(ζ_p) c(ξ_p) / Σ_p w_p N_l(ζ_p), which the transposed operator
-    gives: nodes are where a multiplier's force would reach them.
+    For node l, the mean is Σ_p w_p N_l(ζ_p) c(ξ_p) / Σ_p w_p N_l(ζ_p), computed with the transposed
+    operator: the nodes are those that the force of a multiplier would reach.
 
     Args:
-        p: The pass; its master is deformable.
-        rows: Values c_k of the rows, shape (rows,).
+        p: The integration side; its master is deformable.
+        rows: Values c_k of the constraints, shape (rows,).
     """
     master = deformable(p.master)
     assert master is not None
     operator = p.jump_operator()
     found = []
-    # Its own areas: surfaces may have moved since the gaps were read.
+    # Use the areas of this operator: surfaces may have moved since the gaps were read.
     for of_rows in (operator.row_area, operator.row_area * rows):
         forces = np.zeros((len(rows), p.slave.block))
         forces[:, 0] = of_rows
@@ -87,7 +87,7 @@ def status(model: ContactModel, side: str) -> fem.Function:
 
 
 def gap_function(model: ContactModel, side: str) -> fem.Function:
-    """The weighted gap, of tied contact the size of the jump. Collective."""
+    """Weighted gap; for tied contact the size of the relative displacement. Collective."""
     surface = deformable_side(model, side)
     if model.with_itself:
         own = _sizes(results.weighted_gap(model, "slave"))
@@ -100,12 +100,12 @@ def gap_function(model: ContactModel, side: str) -> fem.Function:
 
 
 def _faced_gap(model: ContactModel) -> Array:
-    """Means of the gaps that a master's nodes face. Collective."""
+    """Mean gaps opposite to the nodes of a master. Collective."""
     return faced(model.gaps[0], _sizes(model.gaps[0].state.values)).mean
 
 
 def sources(model: ContactModel, side: str) -> dict[str, Source]:
-    """Functions that return the fields anew. Collective."""
+    """Callables that compute the output fields, by name. Collective."""
     deformable_side(model, side)
 
     def source(read: typing.Callable[..., fem.Function], *more: str) -> Source:
@@ -128,7 +128,7 @@ def sources(model: ContactModel, side: str) -> dict[str, Source]:
 
 
 def slip_function(model: ContactModel, side: str) -> fem.Function:
-    """Slip over all steps. Collective."""
+    """Slip accumulated over all steps. Collective."""
     surface = deformable_side(model, side)
     return surface.linear.vertex_function(results.slip(model, side))
 
@@ -157,9 +157,9 @@ def _of_own_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
 
 
 def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
-    """Status of a master's nodes, by what they face. Collective."""
+    """Status of the nodes of a master, from the constraints that they face. Collective."""
     p = model.gaps[0]
-    # An open gap may be at a node of which another row's force reaches a part.
+    # The force of another constraint may reach a part of a node with an open gap.
     force = faced(p, results.rows_in_contact(model, p).astype(np.float64))
     status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
     active = force.mean > SOME  # not where it is NaN
@@ -172,7 +172,7 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
 
 
 def _sizes(values: Array) -> Array:
-    """Gaps as they are, jumps by their size."""
+    """Gaps unchanged; for relative displacements their size."""
     if values.ndim == 1:
         return values
     return values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)

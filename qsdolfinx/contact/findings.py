@@ -1,4 +1,4 @@
-"""What is said of a contact: each kind of finding once, with the contact's name and the step."""
+"""Warnings about a contact: each kind once, with the name of the contact and the step."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from qsdolfinx.contact.model import ContactModel
 
 
 class Check(typing.NamedTuple):
-    """Something that may be wrong with a contact.
+    """Check for a possible problem of a contact.
 
     Attributes:
-        kind: Its name, in the field's words.
-        find: Looks at a contact, without changing it; what is wrong and what to do, None for
-            nothing. Collective.
+        kind: Name of the finding.
+        find: Function that checks a contact without changing it. It returns the problem and its
+            remedy, or None for no problem. Collective.
         category: Class of the warning.
     """
 
@@ -24,7 +24,7 @@ class Check(typing.NamedTuple):
 
 
 def look(model: ContactModel, checks: typing.Iterable[Check]) -> None:
-    """Make the checks that have not found anything yet, and warn of what they find. Collective."""
+    """Run the checks that have not found anything yet, and warn of findings. Collective."""
     for check in checks:
         if check.kind in model.told:
             continue
@@ -36,8 +36,8 @@ def look(model: ContactModel, checks: typing.Iterable[Check]) -> None:
 def tell(
     model: ContactModel, kind: str, text: str, category: type[ContactWarning] = ContactWarning
 ) -> None:
-    """Warn, on all ranks, unless the kind has been told of the contact before."""
+    """Warn, on all ranks, unless this kind of warning was given for the contact before."""
     if kind in model.told:
         return
     warn(text if model.name is None else f"contact {model.name!r}: {text}", category)
-    model.told.add(kind)  # not if the warning has been made an error
+    model.told.add(kind)  # not if warnings are turned into errors

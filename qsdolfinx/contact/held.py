@@ -1,4 +1,4 @@
-"""Contact nodes that Dirichlet conditions hold on both sides: what multipliers are for them."""
+"""Condense multipliers that Dirichlet conditions on both sides make redundant (cross points)."""
 
 from __future__ import annotations
 
@@ -30,35 +30,36 @@ from qsdolfinx.tools.rigid_surface import as_tool, deformable
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Kind of the findings.
+#: Kind of the warnings of this module.
 HELD = "conditions on both sides"
 
-#: Part of the master's unknowns at a slave node's partner that conditions hold: less than 1 beside
-#: the plane that both end in, where a curved slave's normal leads away from it.
+#: Least part of the master's unknowns, opposite to a slave node, that must be constrained by
+#: conditions. It is less than 1 because of nodes next to a plane in which both surfaces end, where
+#: the normal of a curved slave points away from this plane.
 MOST = 0.9
 
-#: Gap over the smallest facet that conditions leave at held nodes by how meshes approximate what
-#: is the same on both sides.
+#: Gap over the smallest facet that conditions may leave at constrained nodes, caused by different
+#: meshes of the same geometry on both sides.
 MEANT = 0.01
 
-#: Component of a normal, or part of a marker, that is none but for rounding.
+#: Component of a normal, or part of a marker, that counts as zero: rounding.
 _NONE = 1e-8
 
 
 def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Tell all passes and slips what conditions hold of their nodes. Collective.
+    """Find redundant multipliers, and set them for all integration sides and slips. Collective.
 
-    Where conditions hold a node and its partner, as where a plane of symmetry crosses the contact,
-    these cannot be moved against each other. What a multiplier could close there are the gaps of
-    the nodes around, which have multipliers of their own: one too many for the unknowns that are
-    left, it would lock them or be determined by nothing.
+    Where conditions constrain a node and the opposite point, as where a symmetry plane crosses the
+    contact, the two cannot move relative to each other. A multiplier there could close only the
+    gaps of the surrounding nodes, which have their own multipliers. Such a multiplier is redundant:
+    it would lock the remaining unknowns, or would not be determined.
 
-    That a component is held on both sides does not say that the two do not move against each
-    other: of friction, :func:`begin_solve` tells.
+    Two sides with a constrained component may still move relative to each other, as prescribed by
+    the conditions. For friction, :func:`begin_solve` decides this.
 
     Args:
         model: The contact.
-        slave: Nonzero at the unknowns of the slave's body that have Dirichlet conditions.
+        slave: Nonzero at the unknowns of the slave's body with Dirichlet conditions.
         master: The same of the master's.
     """
     model.held_nodes, model.held_slips, alone = [], [], [False, False]
@@ -93,12 +94,13 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
 
 
 def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Tell the slips which components conditions neither leave free nor move. Collective.
+    """Set the slip components that conditions constrain without relative motion. Collective.
 
-    Where conditions hold a node and its partner and do not move them against each other, as on a
-    plane of symmetry, there is no slip, and none of the friction around is theirs. What they have
-    moved in this step, or in an earlier one since it came into contact, slips or sticks as all
-    other nodes do: friction acts between the two sides, whoever holds them.
+    Where conditions constrain a node and the opposite point without moving them relative to each
+    other, as on a symmetry plane, there is no slip, and no friction is assigned to this node. Nodes
+    that conditions have moved in this step, or in an earlier step since they came into contact,
+    slip or stick like all other nodes: friction acts between the two sides, also if both are
+    prescribed.
 
     Args:
         model: The contact.
@@ -106,7 +108,7 @@ def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
         master: The same of the master's.
 
     Warns:
-        ContactWarning: If conditions move against each other what cannot slip.
+        ContactWarning: If conditions prescribe a relative motion of nodes that cannot slip.
     """
     for held in model.held_slips:
         slip = held.slip
@@ -124,7 +126,7 @@ def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
             continue
         held.redundant = redundant
         clamped = held.clamped & redundant
-        if slip.gap.rows.are_points:  # which slip beside the plane, and stick at none
+        if slip.gap.rows.are_points:  # points slip beside the plane, and do not stick at any
             both = (on_nodes(flags, False).astype(bool) for flags in (redundant, clamped))
             slip.held = Held(*both)
         else:
@@ -134,9 +136,9 @@ def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
 def _relative_way(
     model: ContactModel, held: HeldSlip, slave: PETSc.Vec, master: PETSc.Vec | None
 ) -> Array:
-    """What held nodes and their partners have moved against each other (length), (rows, block).
+    """Relative displacement of constrained nodes and opposite points (length), (rows, block).
 
-    Since the step began, by conditions and by the motion of a rigid tool. Collective.
+    It is that since the step began, by conditions and by the motion of a rigid tool. Collective.
     """
     slip, gap = held.slip, held.by_node
     start, ways = slip.state.at_start, []
@@ -164,7 +166,7 @@ def _relative_way(
 
 
 def _way_of_tool(held: HeldSlip) -> Array:
-    """Displacement of a rigid tool at the rows since the step began (length), (rows, gdim)."""
+    """Displacement of a rigid tool since the step began (length), (rows, gdim)."""
     slip, gap = held.slip, held.slip.gap
     start, row_node = slip.state.at_start, held.by_node.operator.row_node
     if gap.state.base is None:
@@ -181,11 +183,11 @@ def _way_of_tool(held: HeldSlip) -> Array:
 
 
 def _way_of_partner(held: HeldSlip, way: PETSc.Vec) -> Array:
-    """Mean at the rows of what is held of the master at their partners. Collective.
+    """Mean displacement of the constrained master unknowns opposite to each node. Collective.
 
     Args:
-        held: Where.
-        way: Of the unknowns of the master's body, 0 of those that are not held.
+        held: The constrained nodes.
+        way: Displacement of the unknowns of the master's body; 0 at unconstrained unknowns.
     """
     gap, at_nodes = held.by_node, held.at_nodes
     row_node, linear, rows = gap.operator.row_node, at_nodes.slave, at_nodes.operator.row_node
@@ -212,7 +214,7 @@ def _ratio(sums: Array, weights: Array) -> Array:
 
 
 def _warn_of_stick(model: ContactModel, way: float) -> None:
-    """Warn once that conditions move what a law without a limit lets stick. Collective."""
+    """Warn once that conditions move nodes that a law without a limit makes stick. Collective."""
     way = float(model.comm.allreduce(way, op=MPI.MAX))
     if way <= MEANT * model.paired.facet_size:
         return
@@ -228,16 +230,16 @@ def _warn_of_stick(model: ContactModel, way: float) -> None:
 def _extension(
     model: ContactModel, gap: WeightedGap, by_node: WeightedGap, held: Flags, clamped: Flags
 ) -> Extension | None:
-    """None if nothing is to be done on any rank. Collective.
+    """Condensation of redundant multipliers, or None if no rank has any. Collective.
 
     Args:
         model: The contact.
-        gap: The pass.
-        by_node: The pass with a row for each node.
-        held: Components at these rows that conditions hold on both sides.
-        clamped: Those of them at nodes that are held as a whole.
+        gap: The integration side.
+        by_node: The integration side with one constraint for each node.
+        held: Components of these constraints that conditions constrain on both sides.
+        clamped: Those components that belong to fully constrained nodes.
     """
-    if not model.augmented:  # a clamped node's penalty does not grow
+    if not model.augmented:  # the penalty of a clamped node does not grow
         held, clamped = held & ~clamped, np.zeros_like(held)
     if not model.comm.allreduce(bool(np.any(held)), op=MPI.LOR):
         return None
@@ -258,14 +260,14 @@ def _held_on_both_sides(
     slave: PETSc.Vec | None,
     master: PETSc.Vec | None,
 ) -> Flags:
-    """Components of the slave's node and its partner that are held, shape (nodes, block).
+    """Components constrained at a slave node and opposite to it, shape (nodes, block).
 
-    Collective. These nodes are noted as ones of the pass; arguments as for :func:`_extension`.
+    Collective. The nodes are stored in ``model.held_nodes``; arguments as for :func:`_extension`.
     """
     row_node = by_node.operator.row_node
     tool = as_tool(gap.master)
     of_force = np.zeros(gap.slave.block, dtype=bool)
-    if tool is not None and tool.driven is not None:  # it goes where its force is balanced
+    if tool is not None and tool.driven is not None:  # it moves to the equilibrium of its force
         every = gap.law.jump or tool.driven.turns
         of_force |= every or np.abs(tool.driven.direction) > _NONE
     own = (_read(gap.slave, slave) != 0) & ~of_force
@@ -274,31 +276,32 @@ def _held_on_both_sides(
     held, found = np.zeros((2, len(linear.node_area), linear.block), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
-        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks none
+        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks no unknown
         held[at] &= ~of_force
         if tool is None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
     components = held[at] if gap.law.jump else _along_normal(at_nodes, held[at])
     model.held_nodes.append(HeldNodes(gap, at_nodes, components))
-    # Where a node's normal leads past the master: whether any of it is held beside the node.
+    # Where the normal of a node misses the master: whether the master is constrained beside the
+    # node.
     beside = own[row_node]
     if tool is None:
         least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
         beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
-    is_held &= own[row_node]  # also of nodes between held ones
+    is_held &= own[row_node]  # also for nodes between constrained nodes
     return np.where(is_found & ~_in_corner(by_node)[:, None], is_held, beside)
 
 
 def _in_corner(gap: WeightedGap) -> Flags:
-    """Rows whose node has several, each with a partner of its own."""
+    """Whether each constraint is one of several at its node, each with its own opposite point."""
     rows = gap.rows
     return rows.in_corner if isinstance(rows, NodeRows) else np.zeros(gap.num_rows, dtype=bool)
 
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
-    """The pass as it were with each vertex against its projection alone. Collective."""
+    """The integration side with a gap of each vertex to its own projection. Collective."""
     master = deformable(gap.master)
     both = gap.slave.linear, gap.master if master is None else master.linear
     sampling = Sampling("nodal", 1, model.settings.sampling.normals)
@@ -307,7 +310,7 @@ def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
 
 
 def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
-    """Part of the master's displacement at each row that conditions hold, (rows, block)."""
+    """Part of the master's displacement in each constraint that is prescribed, (rows, block)."""
     none = gap.slave.create_vec()
     out = -gap.jump_operator().apply(none.handle, handle_of(marker))
     none.destroy()
@@ -315,7 +318,7 @@ def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
 
 
 def _is_held(gap: WeightedGap, marker: PETSc.Vec | None, components: Flags) -> bool:
-    """Whether these components of a deformable master are held at a row here. Collective."""
+    """Whether a deformable master has these components constrained on this rank. Collective."""
     if deformable(gap.master) is None or not components.any():
         return False
     return bool(np.any(np.abs(_part_of_master(gap, marker)[:, components]) > _NONE))
@@ -325,7 +328,7 @@ def _is_held(gap: WeightedGap, marker: PETSc.Vec | None, components: Flags) -> b
 def _linear(
     gap: WeightedGap, vecs: tuple[PETSc.Vec | None, PETSc.Vec | None]
 ) -> typing.Iterator[tuple[PETSc.Vec | None, PETSc.Vec | None]]:
-    """Vectors of a pass's bodies as those of ``Surface.linear``: values at vertices. Collective."""
+    """Vectors of the two bodies for ``Surface.linear``: values at vertices. Collective."""
     surfaces = gap.slave, deformable(gap.master)
     made = [_at_vertices(*both) for both in zip(surfaces, vecs, strict=True)]
     try:
@@ -337,7 +340,7 @@ def _linear(
 
 
 def _at_vertices(surface: Surface | None, vec: PETSc.Vec | None) -> PETSc.Vec | None:
-    """New vector of the body of ``Surface.linear`` with the values at vertices. Collective."""
+    """New vector of the body for ``Surface.linear``, with the values at vertices. Collective."""
     if surface is None or vec is None or surface.degree == 1:
         return None if vec is None else vec.copy()
     collapsed = surface.collapsed_vec(vec)
@@ -352,9 +355,9 @@ def _at_vertices(surface: Surface | None, vec: PETSc.Vec | None) -> PETSc.Vec | 
 
 
 def _of_vertices(surface: Surface, flags: Flags) -> Flags:
-    """Flags at the nodes of ``surface.linear`` as flags at those of the surface. Collective.
+    """Flags at the nodes of a surface from flags at those of ``surface.linear``. Collective.
 
-    Nodes between others have the flags that all of these have.
+    Nodes between vertices have a flag if all of these vertices have it.
     """
     vec = surface.nodal_vec(flags.astype(np.float64))
     out = _read(surface, vec) > 1 - _NONE
@@ -369,7 +372,7 @@ def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
 
 
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
-    """Rows along whose node's normal there is no free component, shape (rows, 1)."""
+    """Constraints without a free component along the normal of their node, shape (rows, 1)."""
     if gap.slave.is_scalar:
         return held
     normal = gap.slave.node_normal[gap.operator.row_node, : gap.slave.gdim]
@@ -381,13 +384,13 @@ def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
 
 
 def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Warn if conditions press held nodes into each other, or tear ties apart. Collective.
+    """Warn if conditions prescribe penetration, or a gap of tied nodes. Collective.
 
-    Once for each contact.
+    The warning is given once for each contact.
 
     Args:
         model: The contact, solved.
-        slave: Unknowns of the slave's body as contact sees them.
+        slave: Unknowns of the slave's body as used by contact.
         master: The same of the master's.
     """
     here = [h for h in model.held_nodes if h.gap in model.gaps]
@@ -414,7 +417,7 @@ def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) 
 def _prescribed_gap(
     model: ContactModel, held: HeldNodes, u: tuple[PETSc.Vec | None, PETSc.Vec | None]
 ) -> float:
-    """Largest gap (length) of held nodes on this rank. Collective."""
+    """Largest gap (length) of constrained nodes on this rank. Collective."""
     p, gap, motion = held.at_nodes, held.gap, held.gap.master.motion
     p.state.scale = gap.state.scale
     if motion is not None:

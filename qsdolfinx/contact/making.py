@@ -1,4 +1,4 @@
-"""How a contact is made of its arguments: checks, what they leave open, and its parts."""
+"""Make a contact from its arguments: checks, automatic choices, and the parts of the contact."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """Those of :class:`qs.Contact`, of any type as long as they are not checked."""
+    """Arguments of :class:`qs.Contact`; they may have any type before they are checked."""
 
     slave: typing.Any
     master: typing.Any
@@ -81,7 +81,7 @@ class Arguments:
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the contact chooses what gaps are measured between."""
+        """Whether the contact chooses the surfaces between which gaps are measured."""
         return isinstance(self.smoothing, str) and self.smoothing == "auto"
 
     @property
@@ -91,14 +91,14 @@ class Arguments:
 
 
 class Chosen(typing.NamedTuple):
-    """Arguments after checks, with what they have left open.
+    """Arguments after checks, with automatic choices made.
 
     Attributes:
         given: The arguments.
-        degree: Of the rule on the overlay's pieces.
-        sides: What gaps are measured between, of slave and master.
-        sliding_is_given: Whether the user has named the kind of sliding.
-        may_follow: Whether a problem may let contact follow the bodies.
+        degree: Degree of the quadrature rule on the segments of the overlay.
+        sides: Surfaces between which gaps are measured, for slave and master.
+        sliding_is_given: Whether the user has set ``sliding``.
+        may_follow: Whether a problem may change the contact to finite sliding.
     """
 
     given: Arguments
@@ -109,12 +109,12 @@ class Chosen(typing.NamedTuple):
 
     @property
     def follows(self) -> bool:
-        """Whether gaps follow the bodies."""
+        """Whether gaps are updated with the deformed geometry."""
         return bool(self.given.sliding == "finite" and not self.given.law.jump)
 
 
 def choose(a: Arguments) -> Chosen:
-    """Check arguments, and choose what they leave open. Collective.
+    """Check arguments, and make automatic choices. Collective.
 
     Raises:
         ValueError, TypeError: See :class:`qs.Contact`; the same on all ranks.
@@ -137,23 +137,24 @@ def choose(a: Arguments) -> Chosen:
         follows = a.sliding == "finite" and not a.law.jump
         degree = check_quadrature(a.slave, a.master, a.quadrature, a.quadrature_degree, follows)
         check_friction(a.friction, a.slave)
-        # Before what follows from them: of several arguments that differ the first is named.
+        # Compare arguments before values derived from them: the message names the first that
+        # differs.
         mechanics = None if a.mechanics is None else "contact"
         same(law=type(a.law).__name__, friction=a.friction, mechanics=mechanics)
         a = _check_uses(a, same)
         chosen = _choose_sliding(a, degree, same)
         a = chosen.given
         same(quadrature_degree=degree, dt=a.dt, initial_overclosure=a.initial_overclosure)
-    # All ranks have been given the same: these need not be agreed upon.
+    # These need no comparison: all ranks have the same arguments.
     check_friction_use(a.friction, a.friction_penalty, a.law)
     check_constraints(a.constraints, a.quadrature, a.law)
-    if isinstance(a.law, Conductance):  # h takes its place, at each point
+    if isinstance(a.law, Conductance):  # h takes the place of the penalty, at each point
         chosen = chosen._replace(given=dataclasses.replace(a, penalty=1.0, constraints="points"))
     return chosen
 
 
 def _check_uses(a: Arguments, same: typing.Any) -> Arguments:
-    """Refuse arguments that do not fit together; the formulation of shared pairs is theirs."""
+    """Raise an error for inconsistent arguments; set the formulation if pairs are shared."""
     rest = Given(
         a.formulation, a.quadrature, a.unknown, a.sliding, a.initial_overclosure, a.constraints
     )
@@ -184,7 +185,7 @@ def _check_uses(a: Arguments, same: typing.Any) -> Arguments:
 
 
 def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
-    """Choose sliding, normals and where constraints are; check them."""
+    """Choose and check ``sliding``, ``normals`` and ``constraints``."""
     same(either(one_of(SLIDING), None), sliding=a.sliding)
     same(either(one_of(CONSTRAINTS), None), constraints=a.constraints)
     own_normals = a.normals is not None and a.normals != "facet"
@@ -213,12 +214,13 @@ def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
 
 
 class Made(typing.NamedTuple):
-    """A contact that is not yet paired.
+    """A contact before its first contact detection.
 
     Attributes:
         model: Its parts.
-        smoothing: What its gaps are measured between, as it is given.
-        alike: Chord errors because of which that are the curved surfaces; None for none.
+        smoothing: Surfaces between which its gaps are measured, as the value of ``smoothing``.
+        alike: Chord errors because of which gaps are measured between curved surfaces; None for
+            none.
     """
 
     model: ContactModel
@@ -227,7 +229,7 @@ class Made(typing.NamedTuple):
 
 
 def make(chosen: Chosen) -> Made:
-    """The parts of a contact. Collective."""
+    """Make the parts of a contact. Collective."""
     a, settings, alike = chosen.given, _settings(chosen), None
     smoothing = a.smoothing
     if a.is_automatic:
@@ -271,7 +273,7 @@ def make(chosen: Chosen) -> Made:
 
 
 def _settings(chosen: Chosen) -> Settings:
-    """What the contact keeps of its arguments. Collective."""
+    """Settings of the contact from its arguments. Collective."""
     a = chosen.given
     slave, master = a.slave, a.master
     if a.itself:

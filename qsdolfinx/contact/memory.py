@@ -1,6 +1,6 @@
-"""What a contact remembers from step to step: one list, for whoever saves it or hands it over.
+"""History variables of a contact: a single list, for checkpoints and remeshing.
 
-Checkpoints and new meshes know nothing else of multipliers, friction or a user's law.
+Checkpoints and remeshing know multipliers, friction and a user's law only through this list.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Flags = npt.NDArray[np.bool_]
 
 @dataclasses.dataclass(frozen=True)
 class OfNodes:
-    """Values of the owned nodes of a pass's slave.
+    """History variable at the owned slave nodes of an integration side.
 
     Attributes:
-        name: Of the contact's own; with the number of the pass.
+        name: Unique name within the contact, with the number of the integration side.
         slave: The surface.
-        read: Gives them, shape (nodes, columns). Collective.
-        write: Takes them.
-        fit: Makes values of this kind of means that were found on another mesh.
+        read: Returns the values, shape (nodes, columns). Collective.
+        write: Sets the values.
+        fit: Converts means computed on another mesh to valid values of this kind.
     """
 
     name: str
@@ -46,13 +46,13 @@ class OfNodes:
 
 @dataclasses.dataclass(frozen=True)
 class OfContact:
-    """A number of the whole contact, the same on all ranks, or what else JSON can hold.
+    """History variable of the whole contact: a number or other JSON data, the same on all ranks.
 
     Attributes:
         name: Of the contact's own.
-        read: Gives it. Collective.
-        write: Takes it. Collective.
-        of_mesh: Whether it belongs to the mesh, and another one has its own.
+        read: Returns the value. Collective.
+        write: Sets the value. Collective.
+        of_mesh: Whether the value belongs to the mesh; another mesh then has its own value.
     """
 
     name: str
@@ -62,7 +62,7 @@ class OfContact:
 
 
 def of_nodes(model: ContactModel) -> list[OfNodes]:
-    """What nodes remember: multipliers, friction of the steps so far, what laws do."""
+    """History variables at nodes: multipliers, friction of previous steps, and those of laws."""
     out = [
         OfNodes(
             f"multiplier_{j}",
@@ -86,7 +86,7 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
 
 
 def of_contact(model: ContactModel) -> list[OfContact]:
-    """What the contact remembers as a whole: its penalty, and what friction has taken."""
+    """History variables of the contact as a whole: its penalty and the dissipated energy."""
     penalty = model.penalty
 
     def stiffness() -> typing.Any:
@@ -129,7 +129,7 @@ def write(
 
 
 def end_step(model: ContactModel) -> None:
-    """Let what remembers take the end of a step, which the next one begins with. Collective."""
+    """Update history variables at the end of a step, for the start of the next step. Collective."""
     if model.friction is not None:
         model.friction.end_step(model.slips)
     if model.law.memory:
@@ -139,7 +139,7 @@ def end_step(model: ContactModel) -> None:
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:
-    """Owned nodes of each pass that a law that remembers pulls, as last evaluated. Collective."""
+    """Owned nodes with tension by a law with history, at the last evaluation. Collective."""
     if not (model.law.memory and model.is_evaluated):
         return []
     found = [gap.rows.on_nodes(gap.multiplier(model.eps), 0.0) for gap in model.gaps]
@@ -147,11 +147,11 @@ def held_nodes(model: ContactModel) -> list[Flags]:
 
 
 def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
-    """Warn where pairing anew has lost nodes that a law that remembers held. Collective.
+    """Warn of bonded nodes that are no longer paired after a contact update. Collective.
 
     Args:
-        model: The contact, as it is paired now.
-        held: What :func:`held_nodes` has found before.
+        model: The contact, with its present contact pairs.
+        held: Result of :func:`held_nodes` before the update.
     """
     lost = 0
     for gap, before in zip(model.gaps, held, strict=False):
@@ -162,12 +162,12 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
         tell(
             model,
             f"lost bonds after pairing {model.num_pairings}",
-            f"search_radius: {lost} node(s) that the law held have opened beyond it, and carry "
-            "nothing; give a larger search_radius, the opening at which the law lets go",
+            f"search_radius: {lost} node(s) with tension by the law have gaps beyond it, and carry "
+            "no load; give a larger search_radius: the gap at which the law has no more tension",
         )
 
 
-# --- Of single passes
+# --- History variables of single integration sides
 
 
 def _memory(gap: WeightedGap, name: str) -> Array:
@@ -197,14 +197,14 @@ def _set_start(model: ContactModel, j: int, values: Array) -> None:
 
 
 def _flags(start: Array) -> Array:
-    """With whether it slipped, and what conditions moved, as yes or no."""
+    """Round the flags of slipping, and of components moved by conditions, to 0 or 1."""
     out = start.copy()
     out[:, 1], out[:, 3:] = np.rint(out[:, 1]), np.rint(out[:, 3:])
     return out
 
 
 def _widened(values: Array, part: Part) -> Array:
-    """Values by sides of nodes for a part that has none, or the other way round."""
+    """Convert between values by smooth patches of nodes and values without patches."""
     columns, gdim = multipliers.num_columns(part), part.slave.gdim
     if values.shape[1] == columns:
         return values

@@ -1,4 +1,4 @@
-"""The parts of a contact, as solvers see them."""
+"""The parts of a contact, as used by solvers."""
 
 from __future__ import annotations
 
@@ -42,37 +42,38 @@ T = typing.TypeVar("T")
 #: Gaps smaller than this part of the smallest facet count as closed.
 TOUCHING = 1e-12
 
-#: Part of multipliers that points see, below which they see none.
+#: Part of the multipliers acting at points below which they do not act at points.
 LEAST_PART = 1e-3
 
-#: Largest facets that bodies may be within each other where contact follows them.
+#: Search distance with finite sliding, in units of the largest facet.
 FOLLOWING_REACH = 4.0
 
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
 BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
 
-#: A part with multipliers: the gap of a pass, or its slip.
+#: A part with multipliers: the gap of an integration side, or its slip.
 Part = WeightedGap | Slip
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """What a contact was made with and keeps; see :class:`qs.Contact`.
+    """Constant settings of a contact; see :class:`qs.Contact`.
 
     Attributes:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
         formulation: Which surfaces are sampled, and which carry multipliers.
-        law: From the gap to the multiplier.
+        law: Contact law: multiplier as a function of the gap.
         sampling: Where the gap is sampled.
-        search_radius: Length; None for the largest facet, or ``"local"`` for the size of the facets
-            there, at each pairing.
-        constraints: Whether the law is asked at ``"nodes"``, or at the pairing ``"points"``.
+        search_radius: Search distance (length); None for the size of the largest facet. ``"local"``
+            is the local facet size at each contact detection.
+        constraints: Whether the law is evaluated at ``"nodes"``, or at contact quadrature
+            ``"points"``.
         augmented: Whether the multiplier is augmented until the gap is closed.
-        gap_tolerance: Gap at which augmentation ends, in units of the smallest facet.
-        sliding: ``"small"`` or ``"finite"``: whether contact's geometry follows the bodies.
-        sharp: Whether vertices at creases of the slave's, and of the master's, have pairs of their
-            own; see :func:`pair_vertices`.
+        gap_tolerance: Largest gap after augmentation, in units of the smallest facet.
+        sliding: ``"small"`` or ``"finite"``; with the latter, the geometry of contact is updated.
+        sharp: Whether vertices at sharp edges of the slave, and of the master, have their own
+            contact pairs; see :func:`pair_vertices`.
     """
 
     slave: Surface
@@ -89,20 +90,20 @@ class Settings:
 
     @property
     def rows(self) -> str:
-        """What the rows of the gaps are, see :class:`WeightedGap`."""
+        """Kind of the constraints of the gaps, see :class:`WeightedGap`."""
         if self.constraints == "points":
             return "points"
         return "cover" if self.sampling.quadrature == "overlay" else "area"
 
     @property
     def facet_size(self) -> float:
-        """Of the smallest facet, length."""
+        """Size of the smallest facet (length)."""
         with_facets = [s for s in (self.slave, self.master) if not s.is_analytic]
         return min(s.facet_size_range[0] for s in with_facets)
 
     @property
     def roles(self) -> list[tuple[Surface, AnySurface]]:
-        """Slave and master of each pass."""
+        """Slave and master of each integration side."""
         first: tuple[Surface, AnySurface] = (self.slave, self.master)
         master = deformable(self.master)
         if self.formulation != "double-pass" or master is None:
@@ -111,7 +112,7 @@ class Settings:
 
     @property
     def roles_of_vertices(self) -> list[VerticesRole]:
-        """The same of the passes of vertices at creases."""
+        """Roles of slave and master for the constraints of vertices at sharp edges."""
         master = deformable(self.master)
         out = [VerticesRole(self.slave, self.master, of_tool=False)] if self.sharp[0] else []
         if self.sharp[1] and master is not None:
@@ -122,7 +123,7 @@ class Settings:
 
     @property
     def roles_of_edges(self) -> list[EdgesRole]:
-        """The same of the passes of creases in 3D."""
+        """Roles of slave and master for the constraints of sharp edges in 3D."""
         if self.master.is_analytic or self.slave.gdim == 2 or self.sliding == "finite":
             return []
         slave, master, other = self.slave, self.master, deformable(self.master)
@@ -139,14 +140,14 @@ class Settings:
 
 @dataclasses.dataclass(frozen=True)
 class Paired:
-    """What one pairing has found; of its parts only the states change.
+    """Result of one contact detection; only the states of its parts change.
 
     Attributes:
-        gaps: Weighted gap of each pass: of the sides with multipliers, then of vertices at creases.
-        slips: Slip of each pass; none without friction.
-        radius: Distance (length) beyond which points were not paired.
-        facet_size: Of the smallest facet, length.
-        tool_version: Position of a rigid tool that it was paired with.
+        gaps: Weighted gaps of the integration sides, then those of vertices and of sharp edges.
+        slips: Slip of each gap; none without friction.
+        radius: Search distance (length), beyond which points were not paired.
+        facet_size: Size of the smallest facet (length).
+        tool_version: Version number of a rigid tool's position at contact detection.
     """
 
     gaps: tuple[WeightedGap, ...]
@@ -167,18 +168,18 @@ class Paired:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All that has multipliers: gaps of the passes, then their slips."""
+        """All parts with multipliers: the gaps, then their slips."""
         return (*self.gaps, *self.slips)
 
 
 @dataclasses.dataclass(frozen=True)
 class HeldNodes:
-    """Nodes of a pass whose distance conditions prescribe.
+    """Nodes of an integration side whose gap is prescribed by conditions.
 
     Attributes:
-        gap: The pass.
-        at_nodes: The gaps of its nodes themselves, without those around.
-        components: What is held of them, of the shape of these gaps.
+        gap: The integration side.
+        at_nodes: The gaps of the nodes themselves, not weighted with those around.
+        components: Constrained components, of the shape of these gaps.
     """
 
     gap: WeightedGap
@@ -188,17 +189,17 @@ class HeldNodes:
 
 @dataclasses.dataclass
 class HeldSlip:
-    """Components of the nodes of a slip that conditions hold on both sides.
+    """Components of the nodes of a slip that conditions constrain on both sides.
 
     Attributes:
         slip: The slip.
-        by_node: Its pass with a row for each node.
+        by_node: Its integration side with one constraint for each node.
         held: The components, shape (rows, block).
-        clamped: Those of them at nodes that are held as a whole, of the same shape.
-        at_nodes: The gaps of vertices themselves, without those around.
-        of_master: Nonzero at the unknowns of the master's body that have conditions; None of a
+        clamped: Those components that belong to fully constrained nodes, of the same shape.
+        at_nodes: The gaps of the vertices themselves, not weighted with those around.
+        of_master: Nonzero at the unknowns of the master's body that have conditions; None for a
             rigid tool.
-        redundant: Those of ``held`` that are no unknowns at present; None before that is known.
+        redundant: Components of ``held`` that are condensed at present; None before this is known.
     """
 
     slip: Slip
@@ -212,11 +213,11 @@ class HeldSlip:
 
 @dataclasses.dataclass(frozen=True)
 class OverclosedStart:
-    """Where slave nodes that penetrate were when contact was first paired.
+    """Positions of penetrating slave nodes at the first contact detection.
 
     Attributes:
-        nodes: Which of this rank, shape (nodes,).
-        x: Where they were as the master saw them, of the shape (such nodes, 3).
+        nodes: Flags of these nodes among all nodes of this rank, shape (nodes,).
+        x: Their positions in the frame of the master, shape (such nodes, 3).
         normal: Their normals, of the same shape.
     """
 
@@ -230,12 +231,12 @@ def find_pairs(
     friction: FrictionHistory | None,
     known: _cpp.PairingPoints | None = None,
 ) -> Paired:
-    """Pair the surfaces where they are now. Collective.
+    """Detect contact between the surfaces at their present positions. Collective.
 
     Args:
-        settings: What the contact was made with.
+        settings: Settings of the contact.
         friction: None without.
-        known: Pairing points of its one pass; None if they are to be found.
+        known: Contact quadrature points of the only integration side; None if they are to be found.
     """
     slave, master = settings.slave, settings.master
     bodies = [s for s in (slave, deformable(master)) if s is not None]
@@ -243,7 +244,7 @@ def find_pairs(
     radius = radius_of(settings)
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
-    corners = not settings.law.jump  # one pair ties a node in all directions
+    corners = not settings.law.jump  # a single pair ties a node in all directions
     points = [] if known is None else [known]
     if known is None:
         points = [pair(*role, settings.sampling, both, radius, corners) for role in roles]
@@ -270,7 +271,7 @@ def find_pairs(
 
 
 def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[WeightedGap, ...]:
-    """The passes of vertices, then of edges. Collective."""
+    """Gaps of vertices at sharp edges, then of sharp edges. Collective."""
     of_edges = settings.roles_of_edges
     edges = {s: edges_of(s) for s in (settings.slave, settings.master)} if of_edges else {}
     passes = [
@@ -303,14 +304,15 @@ def _following(
     radius: _cpp.SearchRadius,
     vertices_of: str | None = None,
 ) -> Following | None:
-    """What makes gaps of a pass follow the bodies; None where they are linear. Collective.
+    """Updated geometry of the gaps of an integration side; None for linear gaps. Collective.
 
     Args:
         settings: Of the contact.
-        slave: The slave of the pass.
-        master: Its master.
-        radius: Beyond which points are not paired.
-        vertices_of: Whose vertices are the points: ``"slave"``, ``"tool"``, or None for facets.
+        slave: Slave of the integration side.
+        master: Master of the integration side.
+        radius: Search distance, beyond which points are not paired.
+        vertices_of: Body whose vertices are the points: ``"slave"`` or ``"tool"``; None for points
+            on facets.
     """
     if settings.sliding == "small" or settings.law.jump:
         return None
@@ -324,18 +326,19 @@ def _following(
     elif vertices_of == "slave":
         cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
     else:
-        # Points of the slave's facets see all of a tool's shape.
+        # Points of the slave's facets sample all of a tool's shape.
         both = settings.formulation == "quasi-symmetric" and tool is None
         cutter = FacetCutter(slave, master, Overlay(slave, both, radius, degree))
     return Following(slave, master, radius.largest, cutter)
 
 
 def radius_of(settings: Settings) -> _cpp.SearchRadius:
-    """How far from each other points may be that are paired. Collective.
+    """Search distance of contact detection. Collective.
 
-    By default the largest facet, as bodies that are pressed come closer to each other all over what
-    is going to touch. A tool's triangles may be as large as it is flat: they do not count. Where
-    gaps follow the bodies, iterates of Newton's method must not lose each other: it is more.
+    The default is the size of the largest facet, since bodies that are pressed together approach
+    each other in the whole region of later contact. Triangles of a tool do not count: on flat parts
+    they may be very large. With finite sliding the distance is larger, so that Newton iterates do
+    not lose their contact pairs.
     """
     if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)
@@ -350,12 +353,12 @@ def radius_of(settings: Settings) -> _cpp.SearchRadius:
 
 
 class Mechanics(typing.Protocol):
-    """What a scalar field takes from the contact of its bodies: see ``contact.across``.
+    """Data of the bodies' contact for a scalar field: see ``contact.across``.
 
     Attributes:
         of: The bodies' contact.
-        shares_pairs: Whether the field has the bodies' pairs.
-        at_points: The bodies' gaps at their pairing points, if it has.
+        shares_pairs: Whether the field uses the bodies' contact pairs.
+        at_points: The bodies' gaps at their contact quadrature points, if the field uses these.
     """
 
     of: ContactModel
@@ -364,10 +367,10 @@ class Mechanics(typing.Protocol):
 
     @property
     def is_stale(self) -> bool:
-        """Whether the bodies have been paired anew since :meth:`points`."""
+        """Whether the bodies' contact pairs have been updated since :meth:`points`."""
 
     def points(self) -> _cpp.PairingPoints:
-        """The bodies' pairing points with the unknowns of the field. Collective."""
+        """The bodies' contact quadrature points with the unknowns of the field. Collective."""
 
     def pressure(self) -> npt.NDArray[np.float64]:
         """Pressure at the points, or at the slave's nodes. Collective."""
@@ -376,39 +379,39 @@ class Mechanics(typing.Protocol):
         """Distance at the points. Collective."""
 
     def dissipation(self) -> npt.NDArray[np.float64]:
-        """Energy of friction at the slave's nodes. Collective."""
+        """Energy dissipated by friction at the slave's nodes. Collective."""
 
     def rows_at_points(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Values of the bodies' rows at the points' functions. Collective."""
+        """Values of the bodies' constraints at the vertices of points' facets. Collective."""
 
 
 class Coupling(typing.Protocol):
-    """What conductances add to the tangent as they change: see ``contact.coupling``."""
+    """Tangent terms of variable conductances: see ``contact.coupling``."""
 
     @property
     def of_bodies(self) -> ContactModel | None:
-        """The bodies' contact, if its multipliers are unknowns beside those of the field."""
+        """The bodies' contact if its multipliers are unknowns together with those of the field."""
 
     def add_to(self, blocks: BlocksOf, pattern: bool) -> None:
         """Add to the blocks ss, sm, ms, mm. Collective."""
 
     def by_multipliers(self) -> list[PETSc.Mat]:
-        """Derivatives of each side's flow by λ̂ at the rows of the bodies' gaps. Collective."""
+        """Derivatives of each side's flow by the bodies' multipliers λ̂. Collective."""
 
     def destroy(self) -> None:
-        """Free what it has. Collective."""
+        """Free the matrices. Collective."""
 
 
 class ContactModel:
-    """What the terms of a contact are functions of.
+    """State and settings of a contact, from which its terms are evaluated.
 
     Args:
-        settings: What it was made with.
+        settings: Constant settings of the contact.
         kinematics: How unknowns move its surfaces.
-        penalty: ε.
-        overclosure: What becomes of initial penetration.
+        penalty: Penalty parameter ε.
+        overclosure: Treatment of initial penetration.
         friction: None without.
-        mechanics: Of a scalar field, the contact of the bodies; None if it needs none.
+        mechanics: Contact of the bodies, for a scalar field; None if it is not needed.
     """
 
     def __init__(
@@ -426,58 +429,63 @@ class ContactModel:
         self.overclosure = overclosure
         self.friction = friction
         self.mechanics = mechanics
-        #: What messages call it; None for its place among the problem's contacts.
+        #: Name in messages; None for its number among the problem's contacts.
         self.name: str | None = None
-        #: Kinds of findings that were told of it, see :mod:`qsdolfinx.contact.findings`.
+        #: Kinds of warnings already given for it, see :mod:`qsdolfinx.contact.findings`.
         self.told: set[str] = set()
-        #: Heat of friction of the bodies, as a load of temperatures; None without.
+        #: Frictional heat of the bodies, as a load for temperatures; None without friction.
         self.friction_heat: FrictionHeat | None = None
         #: ``num_pairings`` at the last evaluation.
         self.evaluated_at = 0
         #: Whether gaps have been evaluated: before that there are no forces.
         self.is_evaluated = False
-        #: What the last evaluation has left, if parts are others since: see ``contact.shown``.
+        #: State of the last evaluation if parts have been replaced since: see ``contact.shown``.
         self.kept: ContactModel | None = None
-        #: Minus the least, and the largest value of a scalar field at the slave's rows here.
+        #: Minus the smallest, and the largest value of a scalar field at the slave's constraints on
+        #: this rank.
         self.field_range: npt.NDArray[np.float64] = np.zeros(2)
-        #: What conductances were functions of at the last evaluation, at the points.
+        #: Arguments of the conductances at the last evaluation, at the points.
         self.conduction_state: tuple[npt.NDArray[np.float64], ...] = ()
-        #: Whether the bodies' contact is one of the same bodies, whose unknowns are mixed.
+        #: Whether the contact in mechanics is between the same bodies, which have mixed unknowns.
         self.with_bodies = False
-        #: What conductances add to the tangent as they change; None for nothing.
+        #: Tangent terms of variable conductances; None if there are none.
         self.coupling: Coupling | None = None
-        #: Whether ``sliding`` is left to the problem, see :mod:`qsdolfinx.contact.chosen_sliding`.
+        #: Whether the problem chooses ``sliding``, see :mod:`qsdolfinx.contact.chosen_sliding`.
         self.sliding_is_open = False
-        #: Whether the user has named the kind of sliding.
+        #: Whether the user has set ``sliding``.
         self.sliding_is_given = False
-        #: What the last pairing found; see :func:`qsdolfinx.contact.motion.pair_anew`.
+        #: Result of the last contact detection; see :func:`qsdolfinx.contact.motion.pair_anew`.
         self.paired: Paired
-        #: Where the surfaces are at the last evaluation.
+        #: Positions of the surfaces at the last evaluation.
         self.placement: Placement
-        #: Motion of a rigid tool that gaps follow, from where it was paired; None for none.
+        #: Motion of a rigid tool since contact detection, as used by the gaps; None for none.
         self.tool_motion: Affine | None = None
-        #: What :mod:`qsdolfinx.contact.depth` has measured of a placement.
+        #: Distances that :mod:`qsdolfinx.contact.depth` has measured for a placement.
         self.measured: object | None = None
-        #: Counts the pairings made so far.
+        #: Number of contact detections so far.
         self.num_pairings = 0
-        #: Displacements (length) on top of the unknowns', of the slave's and the master's
+        #: Displacements (length) added to those of the unknowns, for the slave's and the master's
         #: body; see :meth:`qs.Contact.set_offset`.
         self.offset: tuple[PETSc.Vec | None, PETSc.Vec | None] | None = None
-        #: Pairs where a time step has left the bodies; None if nothing has to be caught up with.
+        #: Updates the contact pairs at the positions after a time step; None if this is not
+        #: pending.
         self.catch_up: typing.Callable[[], None] | None = None
-        #: Where slave nodes penetrated at first, as long as that is watched as bodies slide.
+        #: Initial positions of penetrating slave nodes, as long as sliding of them is checked.
         self.overclosed_from: OverclosedStart | None = None
-        #: Says which problem it is part of, None once that is gone; None before it is part of any.
+        #: Returns the problem that the contact is part of, or None once the problem is gone; None
+        #: before it is part of a problem.
         self.problem: typing.Callable[[], object] | None = None
-        #: Errors of the gaps at the slave's nodes by chord errors (length); None before any solve.
+        #: Errors of the gaps at the slave's nodes due to chord errors (length); None before any
+        #: solve.
         self.chord_gaps: npt.NDArray[np.float64] | None = None
-        #: Nodes whose distance conditions prescribe; see :func:`qsdolfinx.contact.held.find`.
+        #: Nodes whose gap is prescribed by conditions; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
-        #: What conditions hold of slips; see :func:`qsdolfinx.contact.held.begin_solve`.
+        #: Slip components constrained by conditions; see
+        #: :func:`qsdolfinx.contact.held.begin_solve`.
         self.held_slips: list[HeldSlip] = []
-        #: Whether conditions hold the slave, and the master, where they leave the other side free.
+        #: Whether conditions constrain the slave, and the master, where the opposite side is free.
         self.held_alone = (False, False)
-        #: Wall time that this rank has spent in pairing, gaps and insertion.
+        #: Wall time of this rank in contact detection, gaps and insertion.
         self.watch = Stopwatch()
 
     @property
@@ -492,12 +500,12 @@ class ContactModel:
 
     @property
     def is_scalar(self) -> bool:
-        """Whether it is of scalar fields, such as temperatures, which move nothing."""
+        """Whether the unknowns are scalar fields, such as temperatures, which cause no motion."""
         return self.slave.is_scalar
 
     @property
     def with_itself(self) -> bool:
-        """Whether slave and master are one and the same boundary."""
+        """Whether slave and master are the same boundary (self-contact)."""
         return self.slave.key is not None
 
     @property
@@ -507,7 +515,7 @@ class ContactModel:
 
     @property
     def law(self) -> Law:
-        """From the gap to the multiplier."""
+        """Contact law: multiplier as a function of the gap."""
         return self.settings.law
 
     @property
@@ -517,49 +525,50 @@ class ContactModel:
 
     @property
     def gaps(self) -> tuple[WeightedGap, ...]:
-        """Weighted gap of each pass: of the sides with multipliers, then of vertices at creases."""
+        """Weighted gaps of the integration sides, then those of vertices and of sharp edges."""
         return self.paired.gaps
 
     @property
     def of_sides(self) -> tuple[WeightedGap, ...]:
-        """Those of the sides with multipliers."""
+        """Weighted gaps of the sides with multipliers."""
         return self.paired.gaps[: len(self.settings.roles)]
 
     @property
     def pairings(self) -> list[Pairing]:
-        """Pairing points of every pass: two for double-pass contact, otherwise one."""
+        """Contact pairs of each integration side: two for double-pass contact, otherwise one."""
         return [Pairing.from_cpp(gap.points) for gap in self.of_sides]
 
     @property
     def of_vertices(self) -> tuple[WeightedGap, ...]:
-        """Those of vertices at creases."""
+        """Weighted gaps of vertices at sharp edges, and of sharp edges."""
         return self.paired.gaps[len(self.settings.roles) :]
 
     @property
     def slips_of_vertices(self) -> tuple[Slip, ...]:
-        """Their slips; none without friction."""
+        """Slips of :attr:`of_vertices`; none without friction."""
         return self.slips[len(self.settings.roles) :]
 
     @property
     def slips(self) -> tuple[Slip, ...]:
-        """Slip of each pass; none without friction."""
+        """Slip of each gap; none without friction."""
         return self.paired.slips
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All that has multipliers: gaps of the passes, then their slips."""
+        """All parts with multipliers: the gaps, then their slips."""
         return self.paired.parts
 
     def take_parts(self, gaps: tuple[WeightedGap, ...], slips: tuple[Slip, ...]) -> None:
-        """Replace gaps and slips by others of the same pairing."""
+        """Replace gaps and slips by others of the same contact detection."""
         self.paired = dataclasses.replace(self.paired, gaps=gaps, slips=slips)
 
     @property
     def eps(self) -> float:
         """ε, or γ of multipliers at points, as a number (stress per length).
 
-        γ is the automatic penalty, whatever is given: what multipliers cannot follow of the gaps
-        within a facet resists with it. A softer penalty than that has no multipliers there.
+        γ is always the automatic penalty, also if a penalty is given: it is the stiffness of those
+        gaps within a facet that multipliers cannot represent. With a penalty softer than γ there
+        are no multipliers at points.
 
         Raises:
             RuntimeError: If an automatic penalty has not been computed yet.
@@ -569,10 +578,10 @@ class ContactModel:
 
     @property
     def has_multipliers_at_points(self) -> bool:
-        """Whether constraints at points have λ: not of a penalty as soft as the bodies.
+        """Whether constraints at points have multipliers: not if penalties are as soft as bodies.
 
-        Nor of double-pass contact that follows the bodies: two fields of multipliers for the same
-        gaps, at other points in each iteration, are not determined.
+        Double-pass contact with finite sliding has none either: two fields of multipliers for the
+        same gaps, at other points in each iteration, are not determined.
         """
         if self.settings.constraints != "points" or self.augmented:
             return self.settings.constraints == "points"
@@ -585,7 +594,7 @@ class ContactModel:
 
     @property
     def part_of_multipliers(self) -> float:
-        """What points see of multipliers: 1, or less of a penalty that is their compliance."""
+        """Part of multipliers acting at points: 1, or less if a penalty is their compliance."""
         exact = self.augmented or not self.has_multipliers_at_points
         return 1.0 if exact else 1 - self.eps / self.penalty.eps
 
@@ -597,17 +606,17 @@ class ContactModel:
 
     @property
     def tangential_eps(self) -> float:
-        """ε in tangential direction; only with friction."""
+        """Penalty ε in tangential direction; only with friction."""
         assert self.friction is not None
         return self.friction.penalty(self.eps if self.augmented else self.penalty.eps)
 
     @property
     def slip_penalty(self) -> tuple[float, float]:
-        """What makes stress of slips at points: γ_t (stress per length), and γ_t/ε_t of a penalty.
+        """Stiffness of slips at points: γ_t (stress per length), and γ_t/ε_t for a penalty.
 
-        γ_t is ε_t, but no more than an automatic one has: a stiffer one, with which the sense of
-        slip changes in each iteration, decides nothing but how points differ from their nodes. The
-        second number is 0 of an augmented Lagrangian.
+        γ_t is ε_t, but not above its automatic value. With a larger γ_t, the direction of slip
+        would change in each iteration, and γ_t matters only for the differences between points and
+        their nodes. The second number is 0 for an augmented Lagrangian.
         """
         eps, usual = self.tangential_eps, self.penalty.of_slips
         gamma = eps if usual is None else min(eps, usual)
@@ -615,18 +624,18 @@ class ContactModel:
 
     @property
     def compliance(self) -> float:
-        """Gap that a pressure at a node closes, over it: of the penalty and of the bodies."""
+        """Gap closed by a pressure at a node, over this pressure: from penalty and bodies."""
         of_bodies = sum(1 / k for k in self.penalty.stiffness if k > 0)
         return of_bodies + (0.0 if self.augmented else 1 / self.penalty.eps)
 
     @property
     def allowed_gap(self) -> float:
-        """Gap (length) that multipliers may leave open."""
+        """Largest gap (length) that multipliers may leave."""
         return self.settings.gap_tolerance * self.paired.facet_size
 
     @property
     def follows(self) -> bool:
-        """Whether gaps are found anew at each evaluation."""
+        """Whether gaps use updated geometry: they are computed anew at each evaluation."""
         return any(gap.following is not None for gap in self.gaps)
 
     @property
@@ -636,22 +645,23 @@ class ContactModel:
 
     @property
     def symmetric(self) -> bool:
-        """Whether what contact adds to the tangent is symmetric."""
-        if self.coupling is not None or self.follows:  # functions of nodes move
+        """Whether the contribution of contact to the tangent is symmetric."""
+        if self.coupling is not None or self.follows:  # shape functions at points move
             return False
         first, second = self.kinematics.scale
         equal = first == second
         law = None if self.friction is None else self.friction.law
         if law is None or not equal:
             return equal
-        # At points a limit that jumps goes with the pressure where that is next to none.
+        # At points, a discontinuous friction limit goes with the pressure where this is almost
+        # zero.
         goes = law.jumps and any(slip.gap.rows.are_points for slip in self.slips)
         return law.symmetric and not goes
 
     def called(self, number: int) -> str:
-        """What messages call it: by its name, or by its number among the problem's contacts."""
+        """Text for messages: its name, or its number among the problem's contacts."""
         return f"contact {number if self.name is None else repr(self.name)}"
 
     def ordered(self, gap: WeightedGap, of_bodies: tuple[T, T]) -> tuple[T, T]:
-        """Things of the slave's and the master's body in the order of a pass."""
+        """Sort values of the slave's and master's body by the roles of an integration side."""
         return of_bodies if gap.slave is self.slave else (of_bodies[1], of_bodies[0])

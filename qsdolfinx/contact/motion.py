@@ -1,4 +1,4 @@
-"""How a contact follows its bodies and tools: pairing, Δt, offsets, starts of steps."""
+"""Motion of the bodies and tools of a contact: contact detection, offsets, starts of steps."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
 
 def pair_anew(model: ContactModel) -> None:
-    """Pair where meshes and tools are now; multipliers stay at their nodes. Collective.
+    """Update the contact pairs at present positions, and keep nodal multipliers. Collective.
 
-    Displacements on top of the unknowns' were those from where the meshes were before: none are
-    left. What can be read stays that of the last evaluation.
+    Displacements added to those of the unknowns (offsets) were relative to the earlier positions of
+    the meshes; they become zero. Results stay those of the last evaluation.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
@@ -73,7 +73,7 @@ def pair_anew(model: ContactModel) -> None:
 
 
 def _follow(model: ContactModel) -> None:
-    """Let a tie count from where it was made: its pairs are those of then. Collective."""
+    """Update a tie to present positions; it keeps the contact pairs of its start. Collective."""
     with model.watch.stage("pairing"):
         surfaces = map(deformable, (model.slave, model.master))
         update_surfaces(*(s for s in surfaces if s is not None))
@@ -87,7 +87,7 @@ def _follow(model: ContactModel) -> None:
 
 
 def _carry(model: ContactModel, meshes: bool) -> None:
-    """Let a tie count what a tool, and meshes, have moved since it was made. Collective."""
+    """Add the motion of a tool, and of meshes, since the start of a tie to it. Collective."""
     for gap in model.gaps:
         gap.carry(meshes)
     model.paired = dataclasses.replace(model.paired, tool_version=model.master.version)
@@ -100,9 +100,9 @@ def _zero_offset(model: ContactModel) -> None:
 
 
 def catch_up(model: ContactModel) -> None:
-    """Pair where a time step has left bodies and tool, unless that has been done. Collective.
+    """Update contact pairs to the positions after a time step, if still pending. Collective.
 
-    Scalar fields pair as their bodies were when they were solved for last.
+    Scalar fields use the pairs of their bodies at the last solve of these.
     """
     if model.catch_up is not None:
         model.catch_up()
@@ -111,10 +111,11 @@ def catch_up(model: ContactModel) -> None:
 
 
 def _continue_step(model: ContactModel) -> None:
-    """Let slip count from where the bodies and the tool are now, however they got there.
+    """Measure slip from the present positions of bodies and tool.
 
-    Bodies in total displacements keep their unknowns when contact pairs anew, unless whoever
-    has moved their mesh sets them to zero; which of the two the next solve finds when it begins.
+    Bodies with total displacements keep their unknowns when contact pairs are updated, unless the
+    caller has moved their mesh and sets the unknowns to zero. The next solve finds out at its start
+    which of the two is the case.
     """
     for slip in model.slips:
         slip.state.starts_there = True
@@ -123,11 +124,11 @@ def _continue_step(model: ContactModel) -> None:
 
 
 def move_tool(model: ContactModel) -> None:
-    """Let gaps and slips follow the motion of a rigid tool. Collective.
+    """Update gaps and slips for the motion of a rigid tool. Collective.
 
     Raises:
         ValueError: If it is not finite or differs between ranks.
-        RuntimeError: If the tool has another position than when contact was last paired.
+        RuntimeError: If the tool has another position than at the last contact detection.
     """
     if model.is_scalar:
         return
@@ -145,7 +146,8 @@ def move_tool(model: ContactModel) -> None:
         for part in model.parts:
             part.state.shift = part.change(model.master.motion)
         tool = as_tool(model.master)
-        # Bodies in displacements pair where the tool ends, and friction takes others along with it.
+        # Displacement-based bodies are paired at the end position of the tool; with friction,
+        # others move along with it.
         alone = model.friction is None and not model.kinematics.in_displacement[0]
         if tool is not None and alone and not model.law.jump and tool.rotation.any():
             _turn_in_place(model, tool)
@@ -153,7 +155,7 @@ def move_tool(model: ContactModel) -> None:
 
 
 def _move_followed_tool(model: ContactModel) -> None:
-    """Put the tool that gaps follow where its motion leads. Collective."""
+    """Move the tool to the end of its motion in gaps with updated geometry. Collective."""
     tool = as_tool(model.master)
     model.master.check_state()
     if tool is None:
@@ -165,11 +167,12 @@ def _move_followed_tool(model: ContactModel) -> None:
 
 
 def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
-    """Let a tool that turns in place open no gap to a body that stays. Collective.
+    """Prevent a tool rotating in place from opening gaps to a resting body. Collective.
 
-    A point of a surface of revolution leaves the tangent plane on its way round, and another comes.
-    A rotation R about c is of that kind where ½ (R − Rᵀ)(x − c), the displacement along the mean
-    of the normals before and after, opens gaps by less than the rest of (R − 1)(x − c) does.
+    A point of a surface of revolution leaves the tangent plane as the tool rotates, and another
+    point takes its place. A rotation R about c counts as rotation in place if ½ (R − Rᵀ)(x − c),
+    the displacement along the mean of the normals before and after, opens gaps by less than the
+    rest of (R − 1)(x − c) does.
     """
     R, zero = rotation_matrix(tool.rotation), np.zeros_like(tool.displacement)
     turns = R, np.eye(len(R)) + (R - R.T) / 2
@@ -185,7 +188,7 @@ def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
 
 
 def follow_meshes(model: ContactModel) -> None:
-    """Let gaps that follow the bodies count from where meshes are now. Collective."""
+    """Use the present meshes as the reference of gaps with updated geometry. Collective."""
     surfaces = map(deformable, (model.slave, model.master))
     update_surfaces(*(s for s in surfaces if s is not None))
     for gap in model.gaps:
@@ -195,7 +198,7 @@ def follow_meshes(model: ContactModel) -> None:
 
 
 def begin_to_follow(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
-    """Let gaps that follow the bodies begin where these unknowns put them. Collective."""
+    """Initialise gaps with updated geometry at the positions for these unknowns. Collective."""
     if not model.follows:
         return
     overclosed.follow_bodies(model)
@@ -210,7 +213,7 @@ def begin_to_follow(model: ContactModel, slave: fem.Function, master: fem.Functi
 
 
 def set_motion(model: ContactModel) -> None:
-    """Hand scales and offsets to the passes. Collective."""
+    """Pass scales and offsets on to the gaps. Collective."""
     for gap in model.gaps:
         gap.state.scale = model.ordered(gap, model.kinematics.scale)
         if model.offset is not None:
@@ -220,7 +223,7 @@ def set_motion(model: ContactModel) -> None:
 def set_offset(
     model: ContactModel, slave: fem.Function | None, master: fem.Function | None
 ) -> None:
-    """Set displacements on top of those of the unknowns, see :meth:`qs.Contact.set_offset`."""
+    """Set displacements added to those of the unknowns, see :meth:`qs.Contact.set_offset`."""
     offset = _vecs(model, slave, master)
     free_offset(model)
     model.offset = offset
@@ -228,7 +231,7 @@ def set_offset(
 
 
 def free_offset(model: ContactModel) -> None:
-    """Free the vectors of displacements on top of the unknowns'. Collective."""
+    """Free the vectors of displacements added to those of the unknowns. Collective."""
     for vec in model.offset or ():
         if vec is not None:
             vec.destroy()
@@ -241,22 +244,23 @@ def set_start(
     master: fem.Function | None,
     moved: Affine | None = None,
 ) -> None:
-    """Say where the step began whose slip is to be found. Collective.
+    """Set the positions at the start of the step, from which slip is measured. Collective.
 
-    Without this, after pairing anew, it begins where the bodies are when the next solve begins.
+    Without this call, after an update of the contact pairs, slip is measured from the positions at
+    the start of the next solve.
 
     Args:
         model: The contact.
         slave: Unknowns of the slave's body at the start, as for :meth:`qs.Contact.set_offset`.
         master: The same for the master.
-        moved: Motion that a rigid tool has made in this step already, as a field over the
-            places where it is now.
+        moved: Motion that a rigid tool has already made in this step, as a field over its present
+            positions.
     """
     if not model.slips:
         return
     at_start = _vecs(model, slave, master)
     for slip in model.slips:
-        if model.follows:  # its pairs are those at the end of the last step, if there was one
+        if model.follows:  # its pairs are those at the end of the last step, if any
             kept = model.ordered(slip.gap, model.kinematics.in_displacement)
             slip.begin_at(model.ordered(slip.gap, at_start), kept)
             continue
@@ -270,7 +274,7 @@ def set_start(
 
 
 def begin_slip(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
-    """Let slip count from these unknowns, unless it is known where the step began. Collective."""
+    """Measure slip from these unknowns, unless the start of the step is known. Collective."""
     if not any(slip.state.starts_there for slip in model.slips):
         return
     at_start = _vecs(model, slave, master)
@@ -283,7 +287,7 @@ def begin_slip(model: ContactModel, slave: fem.Function, master: fem.Function | 
 
 
 def show(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> None:
-    """Evaluate gaps and slips for these unknowns, to be read; no step begins or ends. Collective.
+    """Evaluate gaps and slips for output only; no step begins or ends. Collective.
 
     Args:
         model: The contact.
@@ -300,7 +304,7 @@ def show(model: ContactModel, slave: fem.Function | None, master: fem.Function |
 
 
 def _vecs(model: ContactModel, slave: fem.Function | None, master: fem.Function | None) -> Vecs:
-    """Owned values of functions on the bodies' spaces as vectors; None of a rigid tool."""
+    """Owned values of functions on the bodies' spaces as vectors; None for a rigid tool."""
     vecs = model.slave.create_vec(), model.master.create_vec()
     with checked(model.comm):
         check(either(FUNCTION, None), slave=slave, master=master)

@@ -1,4 +1,4 @@
-"""Attributes of :class:`qs.Contact` by their names of before, for one more version."""
+"""Deprecated attributes of :class:`qs.Contact`, available under their former names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import warnings
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.settings import ContactSettings
 
-#: Where each is read now, and how it is found.
+#: New name of each attribute, and the function that returns its value.
 MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
     "augmented": ("settings.enforcement", lambda c: c.model.augmented),
     "overclosure": ("settings.initial_overclosure", lambda c: c.model.overclosure),
@@ -36,10 +36,10 @@ MOVED: dict[str, tuple[str, typing.Callable[[typing.Any], typing.Any]]] = {
 
 
 def moved(contact: typing.Any, name: str) -> typing.Any:
-    """An attribute that has moved, with a warning that says where.
+    """Return an attribute that was renamed, with a warning that gives the new name.
 
     Raises:
-        AttributeError: If there has never been one of this name.
+        AttributeError: If there has never been an attribute of this name.
     """
     if name not in MOVED:
         raise AttributeError(f"Contact has no attribute {name!r}", name=name, obj=contact)

@@ -1,4 +1,4 @@
-"""Augmented multipliers λ̂ and τ̂ of a contact, and how they are kept when it pairs anew."""
+"""Lagrange multipliers λ̂ and τ̂ of a contact, and how updates of the contact pairs keep them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Array = npt.NDArray[np.float64]
 
 
 class Known(typing.NamedTuple):
-    """λ̂ or τ̂ of a part; with rows at points the closed parts of the nodes, or τ of a penalty."""
+    """Multiplier of a part; for constraints at points also active parts, or τ of a penalty."""
 
     multiplier: Array
     at_points: Array | None
 
 
 def known(model: ContactModel) -> list[Known]:
-    """What the last solve has left of each part; see :func:`set_known`."""
+    """Multipliers of each part after the last solve; see :func:`set_known`."""
     return [
         Known(
             part.state.augmented,
@@ -34,7 +34,7 @@ def known(model: ContactModel) -> list[Known]:
 
 
 def set_known(model: ContactModel, multipliers: typing.Sequence[Known]) -> None:
-    """Put back what :func:`known` gave."""
+    """Restore the multipliers returned by :func:`known`."""
     for part, kept in zip(model.parts, multipliers, strict=True):
         part.state.augmented = kept.multiplier
         if isinstance(part, Slip):
@@ -44,34 +44,34 @@ def set_known(model: ContactModel, multipliers: typing.Sequence[Known]) -> None:
 
 
 def on_nodes(parts: typing.Sequence[Part]) -> list[Array]:
-    """λ̂ and τ̂ at all owned nodes of each part's slave; the same when contact pairs anew."""
+    """Multipliers at all owned slave nodes of each part; kept when contact pairs are updated."""
     return [part.augmented_on_nodes() for part in parts]
 
 
 def num_columns(part: Part) -> int:
-    """Values a node of the array that :func:`on_nodes` gives for a part."""
+    """Number of values per node in the array of a part in :func:`on_nodes`."""
     return part.augmented_on_nodes().shape[1]
 
 
 def set_on_nodes(parts: typing.Sequence[Part], multipliers: typing.Sequence[Array]) -> None:
-    """Put back what :func:`on_nodes` gave; τ̂ turns with the surface."""
+    """Restore the multipliers returned by :func:`on_nodes`; τ̂ is rotated with the surface."""
     for part, multiplier in zip(parts, multipliers, strict=True):
         part.set_augmented_on_nodes(multiplier)
     turn(parts)
 
 
 def turn(parts: typing.Sequence[Part]) -> None:
-    """Let τ̂ turn with the surface."""
+    """Rotate τ̂ with the surface."""
     for part in parts:
         if isinstance(part, Slip):
             part.turn_augmented()
 
 
 def pressures_on_nodes(slip: Slip) -> Array:
-    """Pressure of a slip at the start of the step at all owned nodes, and more of then.
+    """Pressure and state of a slip at the start of the step, at all owned nodes.
 
-    Whether it slipped, the part of its area that was covered, and which components conditions have
-    moved. Shape (nodes, 3 + gdim).
+    The columns are the pressure, whether the node slipped, the covered part of its area, and which
+    components conditions have moved. The shape is (nodes, 3 + gdim).
     """
     state, rows = slip.state, slip.gap.rows
     columns = np.column_stack([state.pressed, state.slipped])
@@ -86,7 +86,7 @@ def pressures_on_nodes(slip: Slip) -> Array:
 
 
 def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
-    """Put back what :func:`pressures_on_nodes` gave."""
+    """Restore the state returned by :func:`pressures_on_nodes`."""
     state = slip.state
     state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
     state.of_nodes = np.array(columns[:, :2])
@@ -94,7 +94,7 @@ def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
 
 
 def reset(model: ContactModel) -> None:
-    """Forget multipliers and what laws remember: the next solve has λ̂ = 0 and the first ε."""
+    """Reset multipliers and history variables: the next solve has λ̂ = 0 and the first ε."""
     keep(model)
     for gap in model.gaps:
         gap.forget()

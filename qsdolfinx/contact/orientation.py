@@ -1,4 +1,4 @@
-"""Tools whose facets are oriented the wrong way, and so are paired with their opposite walls."""
+"""Check for tools whose facets have the wrong orientation, so that opposite walls are paired."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-#: Part of the slave's facets near the tool that it looks turned to if it is. Free sides, or facets
-#: at a corner, may be near another wall.
+#: Least part of the slave's facets near the tool for which a tool with reversed facets appears
+#: reversed. Free sides, or facets at a corner, may be near another wall.
 MOST = 0.9
 
-#: How many times further than the wall that looks away the partner is then. A point that has gone
-#: into a wall belongs to the side it came in by, up to the other one.
+#: Distance of the partner over that of the wall that faces away, above which a tool appears
+#: reversed. A point that has penetrated a wall belongs to the side through which it entered, up to
+#: the opposite side.
 FURTHER = 3.0
 
-#: Part of a facet's size within which it all but touches a wall.
+#: Part of a facet's size within which the facet almost touches a wall.
 CLOSE = 0.5
 
 #: Extent of the body over the depth of its facets below a wall, if a cavity is around it.
@@ -32,13 +33,14 @@ WITHIN = 2.0
 
 
 def find_turned(model: ContactModel) -> str:
-    """What is to be warned of if the first pairing is that of a turned tool. Collective.
+    """Warning if the first contact detection is that of a reversed tool; else empty. Collective.
 
-    A surface of facets stands for what is on one side of it, and only its orientation says which.
-    Oriented the wrong way, a closed one has a wall in the place of the opposite one: a body that
-    touches, or has gone into, a tool finds the tool's far side in front of it, and one in a cavity
-    the cavity's far side behind it. Nearer to it there is a wall that looks away. Each connected
-    shell has an orientation of its own: a file may hold several, and one of them turned.
+    A surface of facets bounds the material on one of its sides, and only its orientation determines
+    which side. If a closed surface has the wrong orientation, the wrong wall is paired. A body that
+    touches or penetrates a tool is paired with the tool's far side in front of it, and a body in a
+    cavity with the cavity's far side behind it. Nearer to the body there is a wall that faces away.
+    Each connected shell has its own orientation: a file may contain several shells with one
+    reversed.
     """
     tool = as_tool(model.master)
     if tool is None or tool.is_analytic:
@@ -59,17 +61,18 @@ def find_turned(model: ContactModel) -> str:
     low, high = _box(model)
     extent = np.sum(normal * middle - np.minimum(normal * low, normal * high), axis=1)
     has_partner = ~np.isnan(partner)
-    with np.errstate(invalid="ignore"):  # NaN where there is none
+    with np.errstate(invalid="ignore"):  # NaN where there is no partner
         further = np.abs(partner) > FURTHER * np.abs(wall)
-        # A sheet that lies in a cavity has all of its cells before the wall that it lies on, and a
-        # body that has gone into a plate is not all within that.
+        # A sheet in a cavity has all of its cells in front of the wall on which it lies, and a body
+        # that penetrates a plate is not entirely within the plate.
         of_tool = (partner > 0) & (wall >= -depth)
         of_cavity = (partner < 0) & (-partner > depth) & (extent <= WITHIN * -partner)
         turned = np.where(has_partner, further & (of_tool | of_cavity), np.abs(wall) <= depth)
     near = turned | has_partner
     shells = tool.shells()
     shell = shells.at(np.where(turned, of_wall, of_partner)[near] // tool.gdim)
-    # Those that all but touch tell most: what is beside a tool sees its inside if it is turned.
+    # Facets that almost touch are the best indicator: facets beside a reversed tool face its
+    # inside.
     close = np.fmin(np.abs(partner), np.abs(wall))[near] <= CLOSE * _sizes(size, tool.gdim)[near]
     counts = _count(model.comm, shell, turned[near])
     counts |= _count(model.comm, shell[close], turned[near][close])
@@ -85,7 +88,7 @@ def _sizes(area: Array, gdim: int) -> Array:
 
 
 def _count(comm: MPI.Intracomm, shell: Indices, turned: Flags) -> dict[int, tuple[int, int]]:
-    """Facets of all ranks near each shell that look turned, and that are near. Collective."""
+    """Numbers of facets near each shell, on all ranks: apparently reversed, and all. Collective."""
     names, index = np.unique(shell, return_inverse=True)
     local = np.bincount(index, turned, len(names)), np.bincount(index, minlength=len(names))
     out: dict[int, tuple[int, int]] = {}
@@ -97,7 +100,7 @@ def _count(comm: MPI.Intracomm, shell: Indices, turned: Flags) -> dict[int, tupl
 
 
 def _text(num_turned: int, num_near: int, num_facets: int, low: Array, high: Array) -> str:
-    """The warning of one shell."""
+    """Warning about one shell."""
     low_text, high_text = (", ".join(f"{c:.4g}" for c in corner) for corner in (low, high))
     return (
         f"normals: {num_turned} of {num_near} slave facets near one connected shell of the tool "
@@ -122,9 +125,9 @@ def _box(model: ContactModel) -> tuple[Array, Array]:
 def _offsets(
     own: _cpp.Surface, other: _cpp.Surface, x: Array, normal: Array, radius: float
 ) -> tuple[Array, Indices]:
-    """How far partners of points are away along the normals, and first unknowns of their facets.
+    """Distances of partners of points along the normals, and first unknowns of their facets.
 
-    Negative behind; NaN for none.
+    Distances are negative behind the point, and NaN without a partner.
     """
     closest = _cpp.closest_points(x, np.ascontiguousarray(normal), own, other, radius)
     along = np.sum((closest["x"] - x) * normal, axis=1)

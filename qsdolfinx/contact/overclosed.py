@@ -1,4 +1,4 @@
-"""Overclosure that is ignored while bodies slide: who has it, and where nothing tells that."""
+"""Strain-free adjustment of overclosure during sliding, and a warning where it is wrong."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
 
 Array = npt.NDArray[np.float64]
 
-#: Way in units of the smallest facet that is no sliding: bodies deform.
+#: Displacement, in units of the smallest facet, that does not count as sliding: bodies deform.
 SOME = 0.5
 
-#: Unevenness of the master over that of the overclosure that counts as flat.
+#: Height range of the master over the depth range of the overclosure below which it is flat.
 FLAT = 0.1
 
-#: Difference of unit normals that is rounding.
+#: Difference of unit normals that counts as rounding.
 PARALLEL = 1e-6
 
 
 def read(model: ContactModel, paired: Paired) -> None:
-    """Take the overclosure of the first pairing. Collective.
+    """Determine the overclosure at the first contact detection. Collective.
 
     Raises:
-        ValueError: If there is any and it is to be refused.
+        ValueError: If there is overclosure, and it is to be refused.
     """
     overclosure = model.overclosure
     seen = _seen(model)
     overclosure.read(paired.gaps, seen, paired.facet_size)
-    overclosure.follow(paired.gaps, seen)  # what bodies slide to before they are paired anew
+    overclosure.follow(paired.gaps, seen)  # for sliding before pairs are updated
     overclosure.apply(paired.gaps)
     if not model.law.jump and overclosure.depth > TOLERANCE * paired.facet_size:
         nodes = overclosure.deep_nodes
@@ -46,19 +46,19 @@ def read(model: ContactModel, paired: Paired) -> None:
 
 
 def follow(model: ContactModel, paired: Paired) -> None:
-    """Allow what has been paired anew its overclosure. Collective."""
+    """Set the allowed overclosure of updated contact pairs. Collective."""
     if not model.law.jump:
         model.overclosure.follow(paired.gaps, _seen(model))
     model.overclosure.apply(paired.gaps)
 
 
 def follow_bodies(model: ContactModel) -> bool:
-    """The same of gaps that follow the bodies, where these are at the last evaluation. Collective.
+    """Set the allowed overclosure at the last evaluation, for finite sliding. Collective.
 
-    They are not paired anew.
+    The contact pairs are not updated.
 
     Returns:
-        Whether other nodes are allowed theirs.
+        Whether the allowed overclosure has changed at any node.
     """
     if not (model.follows and model.overclosure.allowed > 0):
         return False
@@ -70,10 +70,11 @@ def follow_bodies(model: ContactModel) -> bool:
 
 
 def check_sliding(model: ContactModel) -> None:
-    """Warn of overclosure that is ignored, if the bodies have slid since. Collective.
+    """Warn about adjusted overclosure if the bodies have slid since. Collective.
 
-    A depth belongs to its slave node. Where depths differ, that is right as long as the master is
-    flat: if the depths are its shape, they would have to go with it. Once for each contact.
+    Each depth belongs to a slave node. If depths differ between nodes, this is right as long as the
+    master is flat: depths caused by the shape of the master would have to move with the master. The
+    warning is given once for each contact.
     """
     overclosure, start = model.overclosure, model.overclosed_from
     if start is None or overclosure.allowed == 0:
@@ -101,7 +102,7 @@ def check_sliding(model: ContactModel) -> None:
 
 
 def _seen(model: ContactModel) -> list[Array]:
-    """Where the slave's nodes of each pass are in the frame of its master. Collective."""
+    """Positions of slave nodes in the frame of the master, for each gap. Collective."""
     settings = model.settings
     roles = [*settings.roles, *(role[:2] for role in settings.roles_of_vertices)]
     roles += [role[:2] for role in settings.roles_of_edges]
@@ -109,7 +110,7 @@ def _seen(model: ContactModel) -> list[Array]:
 
 
 def _seen_by(model: ContactModel, slave: Surface, master: AnySurface) -> Array:
-    """Nodes in the frame of the other surface; a deformable one only translates. Collective."""
+    """Nodes in the frame of the other surface; a deformable body's translates. Collective."""
     x, tool, other = _nodes(model, slave), as_tool(master), deformable(master)
     if tool is not None:
         d, position = tool.gdim, tool.position
@@ -125,12 +126,12 @@ def _seen_by(model: ContactModel, slave: Surface, master: AnySurface) -> Array:
 
 
 def _has_moved(model: ContactModel) -> bool:
-    """Whether the bodies may be elsewhere than surfaces were read."""
+    """Whether the bodies may have moved since the coordinates of the surfaces were read."""
     return model.num_pairings > 0 and model.follows
 
 
 def _nodes(model: ContactModel, surface: Surface) -> Array:
-    """Where owned nodes are, of gaps that follow the bodies at the last evaluation. Collective."""
+    """Positions of owned nodes; with finite sliding those of the last evaluation. Collective."""
     x: Array = np.array(surface.node_x)
     if _has_moved(model):
         placement = model.placement
@@ -144,7 +145,7 @@ def _nodes(model: ContactModel, surface: Surface) -> Array:
 
 
 def _is_flat(model: ContactModel, start: OverclosedStart, allowed: float) -> bool:
-    """Whether the master is flat, up to this height, where the slave penetrates. Collective."""
+    """Whether the master is flat, up to a height, where the slave penetrates. Collective."""
     x, tool = model.slave.node_x[start.nodes], as_tool(model.master)
     if tool is not None and tool.is_analytic:
         normal = tool.distance(x)[1]
@@ -161,7 +162,7 @@ def _is_flat(model: ContactModel, start: OverclosedStart, allowed: float) -> boo
 
 
 def _range(comm: MPI.Intracomm, x: Array) -> tuple[Array, Array]:
-    """Least and largest of each column of all ranks, x of shape (n, 3). Collective."""
+    """Minimum and maximum of each column over all ranks, x of shape (n, 3). Collective."""
     corners = np.concatenate(
         [-np.min(x, axis=0, initial=np.inf), np.max(x, axis=0, initial=-np.inf)]
     )

@@ -1,4 +1,4 @@
-"""The automatic penalty, from the stiffness of the bodies where they touch."""
+"""The automatic penalty, computed from the stiffness of the bodies at the contact surfaces."""
 
 from __future__ import annotations
 
@@ -12,41 +12,43 @@ import numpy as np
 
 from qsdolfinx.surface.surface import Surface
 
-#: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. At nodes a large
-#: one does no harm. On the overlay every facet's mean gap is resisted, and where contact ends
-#: within a facet a stiff penalty makes multipliers oscillate; this one balances that error and the
-#: penalty's, see bench/hertz_penalty.py.
+#: Ratio of the automatic penalty to the stiffness of the bodies, by quadrature. With nodal
+#: quadrature, a large ratio does no harm. On the overlay, the penalty acts on the mean gap of every
+#: facet, and where contact ends within a facet a stiff penalty makes multipliers oscillate. This
+#: ratio balances that error and the error of the penalty, see bench/hertz_penalty.py.
 FACTORS = {"nodal": 100.0, "overlay": 5.0}
 
-#: The same with an augmented Lagrangian, which closes the gap whatever the penalty; by whether its
-#: multipliers come from one linear system, which a soft one keeps fast, or from updates, of which a
-#: stiffer one takes fewer.
+#: This ratio with an augmented Lagrangian, which closes the gap with any penalty. The key says
+#: whether the multipliers come from one linear system, which is solved faster with a soft penalty,
+#: or from multiplier updates, of which a stiffer penalty needs fewer.
 AUGMENTED_FACTORS = {False: 10.0, True: 3.0}
 
-#: The same with constraints at points, in units of the slave's facets, to which the multipliers
-#: belong. What these cannot follow of the gaps between polygons a stiffer one would press out of a
-#: finer master's traction; with a softer one pressures at the edge of contact are less accurate.
+#: This ratio with constraints at points, for the facet size of the slave, which carries the
+#: multipliers. The multipliers cannot represent all of the gaps between polygons. A stiffer penalty
+#: would show the remaining gaps in the traction of a finer master; with a softer penalty, pressures
+#: at the edge of contact are less accurate.
 POINTS_FACTOR = 4.0
 
-#: The same where gaps follow the bodies. What bodies come nearer to each other, or bend, in a step
-#: gives y of points their sign before multipliers have theirs: with 1 half rings of degree 2 that
-#: pass each other lose contact in one iteration, and all points close in the next.
+#: This ratio with finite sliding. The approach or bending of bodies in a step determines the sign
+#: of y at points before the multipliers do: with a ratio of 1, half rings of degree 2 that pass
+#: each other lose contact in one iteration, and all points become active in the next.
 FOLLOWING_FACTOR = 0.3
 
-#: That of slips at points, in units of the softer side's stiffness: a stiffer one changes their
-#: sense in each iteration.
+#: Penalty of slips at points over the stiffness of the softer side: with a stiffer penalty the
+#: direction of slip changes in each iteration.
 SLIPS_FACTOR = 1.5
 
-#: Penalty over stiffness up to which multigrid needs at most some twice the iterations that it
-#: needs with a soft one; and from which on a direct solver's error, about 1e-15 of this ratio,
-#: is no longer small compared with the tolerances. tests/contact/test_report.py measures both.
+#: Limits of penalty over stiffness. Up to the first, multigrid needs at most about twice the
+#: iterations that it needs with a soft penalty. Above the second, the error of a direct solver,
+#: about 1e-15 of this ratio, is no longer small compared with the tolerances.
+#: tests/contact/test_report.py measures both.
 MODERATE, EXTREME = 30.0, 1e7
 
 
 def nodal_stiffness(
     surface: Surface, matrix: PETSc.Mat, constrained: PETSc.Vec, scale: float
 ) -> tuple[float, float]:
-    """Stiffness of a body at its surface, from the free unknowns' K_kk. Collective.
+    """Stiffness of a body at its surface, from K_kk of the free unknowns. Collective.
 
     Args:
         surface: Contact surface.
@@ -55,8 +57,9 @@ def nodal_stiffness(
         scale: Displacement per unknown: 1, or Δt for velocities.
 
     Returns:
-        Mean of K_kk / S_k, stress per length; and of K_kk S_k^(1/(gdim-1)) / S_k, a stress of the
-        order of Young's modulus. Infinity if no unknown is free: a rigid side is no bound.
+        Mean of K_kk / S_k, stress per length; and mean of K_kk S_k^(1/(gdim-1)) / S_k, a stress of
+        the order of Young's modulus. Both are infinite if no unknown is free: a rigid side does not
+        limit the penalty.
     """
     diagonal = matrix.getDiagonal()
     dofs = surface.node_dofs - diagonal.owner_range[0]
@@ -79,29 +82,30 @@ def automatic_penalty(
     together: bool,
     at_points: float,
 ) -> float:
-    """The penalty, stress per length, for the nodal stiffness of the two sides.
+    """Compute the penalty, stress per length, from the nodal stiffness of the two sides.
 
-    A multiple of the softer side's stiffness. With an augmented Lagrangian of the softer side's
-    modulus over the finer side's facet size: the finer side has the modes that converge last. With
-    constraints at points over that of the slave; with a penalty there over the coarser side's, so
-    that it is as soft as its multipliers would be, whichever is the slave.
+    The penalty is a multiple of the stiffness of the softer side. With an augmented Lagrangian it
+    is a multiple of the modulus of the softer side over the facet size of the finer side, which has
+    the modes that converge last. With constraints at points, the facet size is that of the slave.
+    With a penalty at points it is that of the coarser side, so that the penalty is as soft as
+    multipliers would be, whichever side is the slave.
 
     Args:
         stiffness: Mean of K_kk / S_k of each side, stress per length.
-        modulus: Of each side, stress, see :func:`nodal_stiffness`.
+        modulus: Modulus of each side, stress, see :func:`nodal_stiffness`.
         quadrature: ``"nodal"`` or ``"overlay"``.
-        augmented: Whether augmented multipliers close the gap.
+        augmented: Whether multipliers of an augmented Lagrangian close the gap.
         together: Whether its multipliers come from one linear system: tied contact with ``"amg"``.
-        at_points: Factor of constraints at points, 0 of others.
+        at_points: Factor of constraints at points; 0 for other constraints.
 
     Raises:
-        ValueError: If neither gives a positive number, or one gives NaN.
+        ValueError: If neither side gives a positive number, or one side gives NaN.
     """
     for side, value in zip(("slave", "master"), stiffness, strict=False):
         if math.isnan(value):
             raise ValueError(
                 f"F: the stiffness of the {side}'s body is not finite (NaN) at its surface: "
-                "look at the coefficients of F and at the values of u"
+                "check the coefficients of F and the values of u"
             )
     if augmented:
         penalty = _usual(stiffness, modulus, together, at_points)
@@ -124,7 +128,7 @@ def _usual(
     together: bool,
     at_points: float,
 ) -> float:
-    """The penalty of an augmented Lagrangian; arguments as of :func:`automatic_penalty`."""
+    """Penalty of an augmented Lagrangian; arguments as for :func:`automatic_penalty`."""
     sizes = _sizes(stiffness, modulus)
     size = sizes[0] if at_points > 0 and sizes[0] < math.inf else min(sizes)
     return _factor(together, at_points) * min(modulus) / size
@@ -138,7 +142,7 @@ def source(
     together: bool,
     at_points: float,
 ) -> str:
-    """What :func:`automatic_penalty` has done, in words; arguments as there."""
+    """Describe the result of :func:`automatic_penalty` for messages; arguments as there."""
     sides = ("slave", "master")
     if augmented or at_points:
         sizes, factor = _sizes(stiffness, modulus), _factor(together, at_points)
@@ -153,13 +157,13 @@ def source(
 
 
 def _sizes(stiffness: typing.Sequence[float], modulus: typing.Sequence[float]) -> list[float]:
-    """Facet size of each side, infinite where nothing is free."""
+    """Facet size of each side, infinite for a side without free unknowns."""
     pairs = zip(stiffness, modulus, strict=True)
     return [E / k if 0 < k < math.inf else math.inf for k, E in pairs]
 
 
 def _coarser(sizes: list[float]) -> int:
-    """Side of the larger facets, of those where something is free."""
+    """Side of the larger facets, among sides with free unknowns."""
     return int(np.argmax([size if size < math.inf else -math.inf for size in sizes]))
 
 
@@ -168,11 +172,11 @@ def _factor(together: bool, at_points: float) -> float:
 
 
 def points_factor(constraints: str, follows: bool) -> float:
-    """Of constraints at points; 0 of others.
+    """Factor of the automatic penalty of constraints at points; 0 for other constraints.
 
     Args:
         constraints: ``"nodes"`` or ``"points"``.
-        follows: Whether gaps follow the bodies.
+        follows: Whether gaps use updated geometry (finite sliding).
     """
     if constraints != "points":
         return 0.0
@@ -180,14 +184,15 @@ def points_factor(constraints: str, follows: bool) -> float:
 
 
 class Penalty:
-    """ε of a contact, stress per length: given, or computed from the stiffness of its bodies.
+    """Penalty ε of a contact, stress per length: given, or computed from its bodies' stiffness.
 
     Args:
         given: A number, or ``"auto"``.
         quadrature: ``"nodal"`` or ``"overlay"``.
-        augmented: Whether augmented multipliers close the gap.
-        flows: Whether a body has velocities.
-        at_points: Factor of constraints at points, see :func:`points_factor`; 0 of others.
+        augmented: Whether multipliers of an augmented Lagrangian close the gap.
+        flows: Whether a body is velocity-based.
+        at_points: Factor of constraints at points, see :func:`points_factor`; 0 for other
+            constraints.
     """
 
     def __init__(
@@ -196,24 +201,25 @@ class Penalty:
         self._quadrature, self._augmented, self._flows = quadrature, augmented, flows
         self._at_points = at_points
         self.automatic = isinstance(given, str)
-        #: The number; None as long as an automatic one has not been computed.
+        #: Value of the penalty; None as long as an automatic penalty has not been computed.
         self.value: float | None = None if isinstance(given, str) else float(given)
         #: How it was chosen.
         self.source = "automatic, at the first solve" if self.automatic else "given"
         #: Mean K_kk / S_k (stress per length) at the contact nodes of the slave and of a deformable
-        #: master, when matrices were last made.
+        #: master, when matrices were last assembled.
         self.stiffness: tuple[float, ...] = ()
-        #: γ of multipliers at points (stress per length), from these; None if they give none.
+        #: γ of multipliers at points (stress per length), computed from this stiffness; None if it
+        #: gives no valid γ.
         self.of_points: float | None = None
-        #: That of slips there.
+        #: γ of slips at points.
         self.of_slips: float | None = None
 
     @property
     def eps(self) -> float:
-        """The number.
+        """Value of the penalty.
 
         Raises:
-            RuntimeError: If an automatic one has not been computed yet.
+            RuntimeError: If an automatic penalty has not been computed yet.
         """
         if self.value is None:
             raise RuntimeError(
@@ -224,11 +230,11 @@ class Penalty:
 
     @property
     def is_measured(self) -> bool:
-        """Whether it is known, and the stiffness of the bodies with it."""
+        """Whether the penalty and the stiffness of the bodies are known."""
         return self.value is not None and bool(self.stiffness)
 
     def let_follow(self) -> None:
-        """Let the contact follow its bodies, which has another automatic penalty at points."""
+        """Change to finite sliding, which has another automatic penalty at points."""
         if self._at_points:
             self._at_points = FOLLOWING_FACTOR
             self.of_points = self.of_slips = None
@@ -236,11 +242,11 @@ class Penalty:
             self.value = None
 
     def set(self, value: float) -> None:
-        """Give a number."""
+        """Set the penalty to a given number."""
         self.value, self.automatic, self.source = float(value), False, "given"
 
     def set_automatic(self, value: float, source: str) -> None:
-        """Set a number that was computed as ``source`` says."""
+        """Set an automatic penalty that was computed as the text ``source`` describes."""
         self.value, self.source = value, source
 
     @property
@@ -254,11 +260,12 @@ class Penalty:
     ) -> None:
         """Store the bodies' stiffness, and compute an automatic penalty from it.
 
-        Once: with another ε the gaps of the last step would be wrong ones. But an augmented
-        Lagrangian may have any, and that of bodies in velocities follows Δt and how fast they flow.
-        Arguments are those of :func:`automatic_penalty`.
+        An automatic penalty is computed only once, since another ε would make the gaps of the last
+        step wrong. An exception is the augmented Lagrangian, which allows any penalty: for
+        velocity-based bodies its penalty is adapted to Δt and the rate of flow. Arguments are those
+        of :func:`automatic_penalty`.
         """
-        # What follows the bodies goes on with the areas of the start, also after a restart.
+        # Contact with finite sliding keeps the areas of the start, also after a restart.
         goes_on = self._at_points == FOLLOWING_FACTOR and not self._flows
         if not (self.stiffness and goes_on):
             self.stiffness = stiffness

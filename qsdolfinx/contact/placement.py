@@ -1,4 +1,4 @@
-"""Where the surfaces of a contact are at the last evaluation."""
+"""Positions of the surfaces of a contact at the last evaluation."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where a deformable surface is.
+    """Position of a deformable surface.
 
     Attributes:
         surface: The surface.
-        coordinates: Of its facets, as they were paired.
-        displacement: From there (length), see ``trace_values``; None for none.
-        solved_on: Vertices of the facets, (facets, vertices, 3), in the mesh that the body was
-            solved for on: bodies in velocities are moved on afterwards. None before any solve.
+        coordinates: Coordinates of its facets at contact detection.
+        displacement: Displacement from these coordinates (length), see ``trace_values``; None for
+            zero.
+        solved_on: Vertices of the facets, (facets, vertices, 3), in the mesh of the last solve:
+            meshes of velocity-based bodies are moved afterwards. None before any solve.
     """
 
     surface: Surface
@@ -38,7 +39,7 @@ class Place:
     solved_on: Array | None = None
 
     def moved(self, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Place:
-        """The place for unknowns of the body. Collective at first."""
+        """Position for given unknowns of the body. Collective at first."""
         u = scale * trace_values(self.surface, x)
         if offset is not None:
             u = u + trace_values(self.surface, offset)
@@ -52,19 +53,19 @@ class Place:
         return out
 
     def positions(self) -> Array:
-        """Of the trace's nodes, shape (facets, nodes, 3). Collective."""
+        """Positions of the trace's nodes, shape (facets, nodes, 3). Collective."""
         return deformed_positions(self.surface, self.coordinates, self.displacement)
 
     def vertices(self) -> Array:
-        """Of the facets, shape (facets, vertices, 3). Collective."""
+        """Positions of the facets' vertices, shape (facets, vertices, 3). Collective."""
         return self.positions()[:, : self.surface.num_facet_vertices]
 
     def vertices_of_mesh(self) -> Array:
-        """The same in the mesh that the body was solved for on; before that as it was paired."""
+        """Vertices of the facets in the mesh of the last solve, or else at contact detection."""
         return self.coordinates[0] if self.solved_on is None else self.solved_on
 
     def facets(self) -> _cpp.Surface:
-        """The surface there. Collective.
+        """The surface at this position. Collective.
 
         Raises:
             DegenerateFacetsError: If a facet has no area.
@@ -74,12 +75,12 @@ class Place:
 
 @dataclasses.dataclass(frozen=True)
 class ToolPlace:
-    """Where a rigid tool is.
+    """Position of a rigid tool.
 
     Attributes:
         tool: The tool.
-        position: Its position when it was paired, see ``RigidSurface.position``.
-        motion: What it has moved from there; None for nothing.
+        position: Its position at contact detection, see ``RigidSurface.position``.
+        motion: Its motion since contact detection; None for no motion.
     """
 
     tool: RigidSurface
@@ -95,7 +96,7 @@ class ToolPlace:
 
     @property
     def centers(self) -> tuple[Array, Array]:
-        """The tool's centre when it was paired, and after the motion, each of shape (gdim,)."""
+        """The tool's centre at contact detection, and after the motion, each of shape (gdim,)."""
         return self.tool.center_at(self.position), self.tool.center_at(self.now)
 
     def moved_to(self, position: Array) -> ToolPlace:
@@ -106,13 +107,13 @@ class ToolPlace:
         return dataclasses.replace(self, motion=motion)
 
     def facets(self) -> _cpp.Surface:
-        """The tool's facets there. Collective."""
+        """The tool's facets after the motion. Collective."""
         return self.tool.facets_at(self.now)
 
 
 @dataclasses.dataclass(frozen=True)
 class Placement:
-    """Where both sides are. It is replaced, never changed, whenever they may have moved.
+    """Positions of both sides: an immutable object, replaced whenever they may have moved.
 
     Attributes:
         slave: The slave.
@@ -124,7 +125,7 @@ class Placement:
 
     @classmethod
     def at_pairing(cls, slave: Surface, master: AnySurface) -> Placement:
-        """Where they are paired now."""
+        """Present positions, at contact detection."""
         tool = as_tool(master)
         if tool is not None:
             return cls(Place(slave, slave.coordinates), ToolPlace(tool, tool.position))
@@ -138,7 +139,7 @@ class Placement:
         offset: tuple[PETSc.Vec | None, PETSc.Vec | None],
         motion: Affine | None,
     ) -> Placement:
-        """Where they are for these unknowns and displacements on top. Collective at first."""
+        """Positions for given unknowns and added displacements. Collective at first."""
         slave, master = self.slave.moved(unknowns[0], scale[0], offset[0]), self.master
         if isinstance(master, ToolPlace):
             return Placement(slave, dataclasses.replace(master, motion=motion))
@@ -147,7 +148,7 @@ class Placement:
 
     @property
     def as_paired(self) -> Placement:
-        """Where both were when they were paired."""
+        """Positions of both sides at contact detection."""
         master = self.master
         if isinstance(master, ToolPlace):
             paired: Place | ToolPlace = dataclasses.replace(master, motion=None)
@@ -157,12 +158,12 @@ class Placement:
 
     @property
     def centers(self) -> tuple[Array, Array]:
-        """Of a rigid master, see :attr:`ToolPlace.centers`."""
+        """Centres of a rigid master, see :attr:`ToolPlace.centers`."""
         assert isinstance(self.master, ToolPlace)
         return self.master.centers
 
     def place(self, side: str) -> Place | ToolPlace:
-        """Of one side."""
+        """Position of one side."""
         return typing.cast(Place | ToolPlace, getattr(self, side))
 
 

@@ -1,4 +1,4 @@
-"""What can be read from a contact after a solve; see :class:`qs.Contact` for what it means."""
+"""Results of a contact after a solve; :class:`qs.Contact` explains their meaning."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def has_multiplier(model: ContactModel, side: str) -> bool:
 
 
 def gap_of(model: ContactModel, side: str) -> WeightedGap:
-    """The pass whose slave is this side.
+    """Gap of the integration side whose slave is this side.
 
     Raises:
         ValueError: If there is none.
@@ -77,7 +77,7 @@ def gap_of(model: ContactModel, side: str) -> WeightedGap:
 
 
 def slip_of(model: ContactModel, side: str) -> Slip:
-    """The slip of the pass whose slave is this side.
+    """Slip of the integration side whose slave is this side.
 
     Raises:
         ValueError: If there is none, or the contact has no friction.
@@ -92,7 +92,7 @@ def slip_of(model: ContactModel, side: str) -> Slip:
 
 
 def gap(model: ContactModel, side: str) -> Array:
-    """Signed distance of the deformed surfaces, of tied ones the jump. Collective.
+    """Signed distance of deformed surfaces; for ties the relative displacement. Collective.
 
     Raises:
         ValueError: If the side is a rigid tool, or has no multiplier and is tied.
@@ -106,22 +106,22 @@ def gap(model: ContactModel, side: str) -> Array:
 
 
 def weighted_gap(model: ContactModel, side: str) -> Array:
-    """Weighted gap ḡ, NaN where a node has no pairing point."""
+    """Weighted gap ḡ of each node; NaN where a node has no contact quadrature point."""
     p = gap_of(model, side)
     return typing.cast(Array, _flat(p.rows.on_nodes(p.state.values, math.nan)))
 
 
 def multiplier(model: ContactModel, side: str) -> Array:
-    """λ, 0 where unpaired."""
+    """Multiplier λ at nodes; 0 where unpaired."""
     p = gap_of(model, side)
     return typing.cast(Array, _flat(p.rows.on_nodes(multiplier_of(model, p), 0.0)))
 
 
 def memory(model: ContactModel, name: str, side: str) -> Array:
-    """What the law remembers since the last step, (nodes,).
+    """History variable of the contact law after the last step, (nodes,).
 
     Raises:
-        ValueError: If the law remembers nothing of that name.
+        ValueError: If the law has no history variable of that name.
     """
     known = sorted(model.law.memory)
     require(name in model.law.memory, f"name: the law has memory {known}, not {name!r}")
@@ -129,7 +129,7 @@ def memory(model: ContactModel, name: str, side: str) -> Array:
 
 
 def active(model: ContactModel, side: str) -> Flags:
-    """Nodes in contact, those with a vertex' constraint too. Collective."""
+    """Nodes in contact, including nodes with an active vertex constraint. Collective."""
     agreed(model, side)
     p = gap_of(model, side)
     out = np.array(p.rows.on_nodes(rows_in_contact(model, p), False), dtype=bool)
@@ -140,23 +140,23 @@ def active(model: ContactModel, side: str) -> Flags:
 
 
 def is_known(model: ContactModel) -> bool:
-    """Whether it can be told what is in contact: not before an automatic penalty is computed."""
+    """Whether contact status is known: not before an automatic penalty is computed."""
     return model.penalty.value is not None
 
 
 def rows_in_contact(model: ContactModel, p: WeightedGap) -> Flags:
-    """Rows of a pass in contact; none as long as that is not known. Collective."""
+    """Constraints of an integration side in contact; none while this is unknown. Collective."""
     return in_contact(model, p) if is_known(model) else np.zeros(p.num_rows, dtype=bool)
 
 
 def tangential_multiplier(model: ContactModel, side: str) -> Array:
-    """τ, 0 where unpaired."""
+    """Tangential multiplier τ at nodes; 0 where unpaired."""
     slip = slip_of(model, side)
     return np.asarray(slip.gap.rows.on_nodes(slip.state.response.traction, 0.0), dtype=np.float64)
 
 
 def slip(model: ContactModel, side: str) -> Array:
-    """Slip over all steps."""
+    """Slip accumulated over all steps."""
     found = slip_of(model, side)
     assert model.friction is not None
     return model.friction.slip(SIDES.index(side), found)
@@ -194,7 +194,7 @@ def shares(model: ContactModel, side: str) -> tuple[Array, Array]:
 
 
 def _share(p: WeightedGap, flags: Flags) -> Array:
-    """Part of each node's area that rows with a flag stand for. Collective."""
+    """Part of each node's area that belongs to constraints with a flag. Collective."""
     if not isinstance(p.rows, PointRows):
         return np.asarray(p.rows.on_nodes(flags.astype(np.float64), 0.0), dtype=np.float64)
     sums = p.rows.sums(flags.astype(np.float64)).sum(axis=1)
@@ -202,7 +202,7 @@ def _share(p: WeightedGap, flags: Flags) -> Array:
 
 
 def _slipping(found: Slip) -> Flags:
-    """Nodes that slip; with rows at points, more than half of what they cover in contact does."""
+    """Slipping nodes; with constraints at points, more than half of their contact area slips."""
     rows, slips, closed = found.gap.rows, found.slipping, found.state.closed
     if not rows.are_points:
         return np.asarray(rows.on_nodes(slips, False), dtype=bool)
@@ -212,7 +212,7 @@ def _slipping(found: Slip) -> Flags:
 
 
 def dissipation(model: ContactModel, side: str) -> Array:
-    """Energy that friction took at each node in the last step."""
+    """Energy dissipated by friction at each node in the last step."""
     found = slip_of(model, side)
     out = found.dissipation_at_nodes()
     for vertices in model.slips_of_vertices:
@@ -225,12 +225,12 @@ def dissipation(model: ContactModel, side: str) -> Array:
 
 
 def penetration(model: ContactModel) -> float:
-    """Depth of the deepest point, of tied surfaces the size of the jump. Collective."""
+    """Depth of the deepest point; for ties the size of the relative displacement. Collective."""
     return weighted_penetration(model) if model.law.jump else depth.penetration(model)
 
 
 def weighted_penetration(model: ContactModel) -> float:
-    """Largest weighted gap of the slave, of a tied one its size. Collective."""
+    """Largest weighted gap of the slave; for ties its absolute value. Collective."""
     gaps = model.gaps[0].state.values
     local = float(np.max(np.abs(gaps) if model.law.jump else gaps, initial=0.0))
     return float(model.comm.allreduce(local, op=MPI.MAX))
@@ -246,7 +246,7 @@ def mean_penetration(model: ContactModel) -> float:
 
 
 def energy(model: ContactModel) -> float:
-    """Energy Φ of the gaps. Collective."""
+    """Contact energy Φ of the gaps. Collective."""
     local, part = 0.0, model.part_of_multipliers
     if model.is_evaluated:
         local = sum(p.energy(model.eps, part) for p in model.gaps)
@@ -254,20 +254,20 @@ def energy(model: ContactModel) -> float:
 
 
 def step_dissipation(model: ContactModel) -> float:
-    """Energy that friction took in the last step. Collective."""
+    """Total energy dissipated by friction in the last step. Collective."""
     local = sum(float(slip.dissipation().sum()) for slip in model.slips)
     return float(model.comm.allreduce(local, op=MPI.SUM))
 
 
 def patch(model: ContactModel) -> tuple[float, float]:
-    """Area of the slave nodes or points in contact, and the radius of such a disc. Collective.
+    """Area of slave nodes or points in contact, and radius of a disc of this area. Collective.
 
-    Areas are those that tractions stand for.
+    Areas are those used for tractions.
     """
     slave, p = model.slave, model.gaps[0]
     place = _place(model, "slave")
     vertices = place.coordinates[0]
-    if p.cut is not None:  # gaps that follow have areas of their own
+    if p.cut is not None:  # gaps with updated geometry have their own areas
         vertices = p.cut.places[0][:, : slave.num_facet_vertices]
     paired = _measured(place.surface, vertices)
     row_area = p.rows.areas(_areas(model, "slave"), np.asarray(paired.node_area))
@@ -304,20 +304,20 @@ def flux(model: ContactModel, side: str) -> fem.Function:
 
 
 def check_mechanical(model: ContactModel, instead: str) -> None:
-    """Refuse to read forces from a contact of scalar fields.
+    """Raise an error if forces are requested from contact of scalar fields.
 
     Raises:
-        ValueError: If it is one.
+        ValueError: If the contact is of this kind.
     """
     if model.is_scalar:
         raise ValueError(f"a contact of scalar fields has no forces; use contact.{instead}(side)")
 
 
 def check_scalar(model: ContactModel, instead: str) -> None:
-    """Refuse to read flows from a contact of displacements.
+    """Raise an error if flows are requested from contact of displacements.
 
     Raises:
-        ValueError: If it is one.
+        ValueError: If the contact is of this kind.
     """
     if not model.is_scalar:
         text = "contact of displacements or velocities has no flows; use"
@@ -325,7 +325,7 @@ def check_scalar(model: ContactModel, instead: str) -> None:
 
 
 def total(model: ContactModel, side: str) -> Array:
-    """Sum of what contact does to the unknowns of one side, shape (block,). Collective."""
+    """Sum of contact forces or flows on the unknowns of one side, shape (block,). Collective."""
     surface = deformable(surface_of(model, side))
     if surface is None:
         heat = model.friction_heat
@@ -353,7 +353,7 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
     x, out = _places_of_forces(model, side), []
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
-            A = skew(axis)  # the forces' work in a small rotation
+            A = skew(axis)  # work of the forces in a small rotation
             field = affine_vec(surface, Affine(A, -A @ about), x)
             out.append(field.dot(vec))
             field.destroy()
@@ -361,11 +361,12 @@ def _moment(model: ContactModel, side: str, about: Array) -> Array:
 
 
 def _places_of_forces(model: ContactModel, side: str) -> Array:
-    """Where forces act on the trace's nodes of one side, shape (facets, nodes, 3). Collective.
+    """Points of action of forces at trace nodes of a side, (facets, nodes, 3). Collective.
 
-    Gaps and normals belong to the places where contact was detected, and so do the lines along
-    which the forces act: with ``sliding="finite"`` those of the last evaluation, else those of the
-    pairing. What is pressed on a tool goes along with its centre to the end of a time step.
+    Gaps, normals and the lines of action of the forces belong to the positions at which contact was
+    evaluated: with ``sliding="finite"`` the positions of the last evaluation, otherwise those of
+    contact detection. Points in contact with a tool move along with its centre to the end of a time
+    step.
     """
     place = model.placement.place(side)
     assert isinstance(place, Place)
@@ -379,19 +380,19 @@ def _places_of_forces(model: ContactModel, side: str) -> Array:
 
 
 def _is_at_end(model: ContactModel) -> bool:
-    """Whether moments are those at the end of a tool's motion: in time steps, or if gaps follow."""
+    """Whether moments are at the end of a tool's motion: in time steps or with finite sliding."""
     return as_tool(model.master) is not None and (model.offset is not None or model.follows)
 
 
 def _center(model: ContactModel) -> Array:
-    """Of a tool, at the end of its motion in a time step; else the origin."""
+    """Centre of a tool, at the end of its motion in a time step; without a tool the origin."""
     if as_tool(model.master) is None:
         return np.asarray(model.master.center)
     return model.placement.centers[int(_is_at_end(model))]
 
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:
-    """Traction t_k = f_k / S_k recovered from the contact forces. Collective."""
+    """Traction t_k = f_k / S_k, recovered from the contact forces. Collective."""
     with checked(model.comm) as same:
         same(SIDE, side=side)
         same(PART, part=part)
@@ -406,7 +407,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
 
 
 def pressure(model: ContactModel, side: str) -> fem.Function:
-    """p_k = −t_k·n_k, n_k being the normals of the vertices where the facets are. Collective."""
+    """Pressure p_k = −t_k·n_k, with normals n_k of the vertices as deformed. Collective."""
     whole = traction(model, side, "normal" if model.slips else "whole")
     surface = deformable(surface_of(model, side))
     assert surface is not None
@@ -416,20 +417,20 @@ def pressure(model: ContactModel, side: str) -> fem.Function:
 
 
 def _place(model: ContactModel, side: str) -> Place:
-    """Where a deformable side is at the last evaluation."""
+    """Position of a deformable side at the last evaluation."""
     place = model.placement.place(side)
     assert isinstance(place, Place)
     return place
 
 
 def _areas(model: ContactModel, side: str) -> Array:
-    """Areas of the vertices of one side that its tractions stand for. Collective.
+    """Areas of the vertices of one side, by which its tractions are computed. Collective.
 
-    They are those of the configuration in which the body is in equilibrium: for one in velocities
-    its mesh, where it was when it was solved for, however often a step has paired and however
-    contact follows. A body in displacements is in equilibrium as it is deformed: in time steps, and
-    where contact follows the bodies, its facets are where the last evaluation has put them. Else,
-    as with small strains, they are those of its mesh.
+    The areas are those of the configuration in which the body is in equilibrium. For a
+    velocity-based body this is its mesh at the solve, independent of the number of contact
+    detections in a step and of the kind of sliding. A displacement-based body is in equilibrium as
+    deformed: in time steps and with finite sliding, its facets have their positions of the last
+    evaluation. Otherwise, as with small strains, areas are those of its mesh.
     """
     place = _place(model, side)
     in_displacement = model.kinematics.in_displacement[SIDES.index(side)]
@@ -440,12 +441,12 @@ def _areas(model: ContactModel, side: str) -> Array:
 
 
 def _facets_at(place: Place) -> _cpp.Surface:
-    """Flat facets through the vertices of a side where it is, measured. Collective."""
+    """Flat facets through the present vertices of a side, with measures. Collective."""
     return _measured(place.surface, place.vertices())
 
 
 def _measured(surface: Surface, vertices: Array) -> _cpp.Surface:
-    """Flat facets of a surface through other vertices, measured. Collective."""
+    """Flat facets of a surface through other vertices, with measures. Collective."""
     facets = surface.linear.twin()
     facets.follow(np.ascontiguousarray(vertices))
     facets.measure_nodes()
@@ -453,7 +454,7 @@ def _measured(surface: Surface, vertices: Array) -> _cpp.Surface:
 
 
 def multiplier_of(model: ContactModel, p: WeightedGap) -> Array:
-    """λ at the rows of a pass; 0 before the first solve. Collective."""
+    """Multiplier λ of an integration side's constraints; 0 before the first solve. Collective."""
     if not model.is_evaluated:
         return np.zeros_like(p.state.values)
     return p.multiplier(model.eps)
@@ -462,7 +463,7 @@ def multiplier_of(model: ContactModel, p: WeightedGap) -> Array:
 def forces_on_bodies(model: ContactModel) -> tuple[Array, Array | None]:
     """Forces on the owned unknowns of the slave's and the master's body. Collective.
 
-    None of a rigid tool. Of contact of a body with itself the second has none.
+    The second is None for a rigid tool, and zero for self-contact.
     """
     with _force_vec(model, "slave", whole_body=True) as vec:
         slave = vec.array.copy()
@@ -478,9 +479,9 @@ def forces_on_bodies(model: ContactModel) -> tuple[Array, Array | None]:
 def _force_vec(
     model: ContactModel, side: str, part: str = "whole", whole_body: bool = False
 ) -> typing.Iterator[PETSc.Vec]:
-    """Contact forces on the unknowns of one side's body: minus what is assembled.
+    """Contact forces on the unknowns of one side's body: minus the assembled residual.
 
-    Those of both sides where they are the same body's and all of it is wanted.
+    For self-contact, they are those of both sides if ``whole_body`` is set.
     """
     vecs = model.slave.create_vec(), model.master.create_vec()
     for p in model.gaps if part != "tangential" else ():
@@ -503,5 +504,5 @@ def _force_vec(
 
 
 def _flat(values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """Drop the second axis of single-valued rows."""
+    """Drop the second axis of arrays with a single column."""
     return values[:, 0] if values.shape[1] == 1 else values

@@ -1,4 +1,4 @@
-"""What can be read from a contact: the last solve, whatever has been changed since."""
+"""Results of a contact: those of the last solve, independent of later changes."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 
 
 def shown(model: ContactModel) -> ContactModel:
-    """The contact as the last evaluation left it, to be read."""
+    """The contact in its state after the last evaluation, for results."""
     return model if model.kept is None else model.kept
 
 
 def keep(model: ContactModel) -> None:
-    """Let readings stay those of the last evaluation until the next one.
+    """Keep the results of the last evaluation until the next evaluation.
 
-    To be called before anything is changed that they are functions of: pairs, multipliers, penalty.
+    Call it before changing anything on which results depend: contact pairs, multipliers, penalty.
     """
     if model.kept is None and model.is_evaluated:
         model.kept = copy_of(model)
 
 
 def copy_of(model: ContactModel) -> ContactModel:
-    """The contact with parts of its own, which show what it shows now whatever happens to it.
+    """Copy of the contact with its own parts, which keep the present results.
 
-    Arrays are those of the contact, which are replaced and never written into.
+    Arrays are shared with the contact: they are replaced, but never written into.
     """
     if model.kept is not None:
         return model.kept
@@ -35,7 +35,7 @@ def copy_of(model: ContactModel) -> ContactModel:
     slips = tuple(_copied_slip(slip, gaps) for slip in model.slips)
     out.take_parts(tuple(gaps[id(gap)] for gap in model.gaps), slips)
     out.penalty, out.kinematics = copy.copy(model.penalty), copy.copy(model.kinematics)
-    out.catch_up = None  # which refers to the contact itself
+    out.catch_up = None  # it refers to the contact itself
     return out
 
 
@@ -47,7 +47,7 @@ def _copied(gap: WeightedGap) -> WeightedGap:
 
 
 def _copied_slip(slip: Slip, gaps: dict[int, WeightedGap]) -> Slip:
-    """A slip whose pass is one of these copies."""
+    """Copy of a slip, with the copied gap of its integration side."""
     out = copy.copy(slip)
     out.state = copy.copy(slip.state)
     out.gap = gaps[id(slip.gap)]

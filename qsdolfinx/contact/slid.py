@@ -1,4 +1,4 @@
-"""How far contacts with small sliding have slid since they were paired."""
+"""Sliding distance of contacts with small sliding since contact detection."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ways = tuple[Array | None, Array | None]
 
-#: Gap, in units of the smallest facet, of what touched where it was paired.
+#: Gap, in units of the smallest facet, below which nodes touched at contact detection.
 TOUCHING = 0.01
 
-#: Way along the surface, in facets, from which on a solve warns.
+#: Sliding distance, in facets, above which a solve warns.
 FAR = 1.0
 
 
 def find_slid(model: ContactModel) -> str | None:
-    """What to say of what has slid by more than a facet in a solve. Collective.
+    """Warning if nodes in contact have slid by more than a facet in a solve, or None. Collective.
 
-    On a plane in closed form any way is right, and who has asked for small sliding knows.
+    On an analytic plane any sliding distance is right, and users who set small sliding are aware of
+    its limits.
     """
     if model.sliding_is_given or model.follows or model.law.jump:
         return None
@@ -52,9 +53,9 @@ def find_slid(model: ContactModel) -> str | None:
 
 
 def _slid_since(model: ContactModel, now: Placement) -> float:
-    """Largest way of what is in contact, in facets, up to where both are. Collective.
+    """Largest sliding distance of nodes in contact up to a placement, in facets. Collective.
 
-    What is open by less than turning may have made of the gap counts, too.
+    Open nodes count too, if rotation may have caused their gap.
     """
     vecs = [place.vec() for place in (now.slave, now.master) if isinstance(place, Place)]
     ways = [vec.array.copy() for vec in vecs]
@@ -71,19 +72,21 @@ def _slid_since(model: ContactModel, now: Placement) -> float:
 
 
 def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine | None) -> float:
-    """Largest way along the surface, in facets, of nodes in contact since it paired. Collective.
+    """Largest sliding distance of nodes in contact since detection, in facets. Collective.
 
-    Points, normals and weights are those of the pairing: what has slid by much of a facet presses
-    where the other surface has been. Nodes that touched there count even if they are open now:
-    points of a round surface that turns in place go away from where they were, and others come. So
-    do nodes that are open by less than that may have made of their gaps: normals that turn by φ,
-    while points go s along them, open gaps by up to s φ that others close.
+    Points, normals and weights are those of contact detection: nodes that have slid by much of a
+    facet act at an earlier position of the other surface. Nodes that touched at contact detection
+    count even if they are open now: points of a round surface that rotates in place leave their
+    positions, and others take their place. Nodes also count if rotation may have caused their open
+    gap: normals that rotate by φ, while points slide by s, open gaps by up to s φ, which other
+    points close.
 
     Args:
         model: The contact.
-        slave: Way of the slave's body since, at all unknowns of this rank (length).
-        master: The same of the master's; None of a tool.
-        tool: That of a tool.
+        slave: Displacement of the slave's body since contact detection, at all unknowns of this
+            rank (length).
+        master: Displacement of the master's body; None for a tool.
+        tool: Displacement of a tool.
     """
     if model.law.jump:  # a tie keeps its pairs
         return 0.0
@@ -93,11 +96,12 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
 
 
 def turned(model: ContactModel) -> float:
-    """Largest angle (radians) by which facets of bodies have turned since it paired. Collective.
+    """Largest rotation (radians) of facets of bodies since contact detection. Collective.
 
-    Forces act along normals of the pairing: frictionless ones are off by as much. 0 of ties, of the
-    nodal rule, which stays the paper's, and on tools: there pairing anew for that takes twice the
-    iterations and is no closer to small steps (``bench/one_newton.py --scenes roller``).
+    Forces act along the normals of contact detection: frictionless forces have the same error. The
+    result is 0 for ties, for nodal quadrature, which stays as in the paper, and on tools: there,
+    contact updates for this reason take twice the iterations, and results are no closer to those of
+    small steps (``bench/one_newton.py --scenes roller``).
     """
     is_nodal = model.settings.sampling.quadrature == "nodal"
     on_tool = as_tool(model.master) is not None
@@ -105,7 +109,7 @@ def turned(model: ContactModel) -> float:
 
 
 def _turn(model: ContactModel, tool: Affine | None) -> float:
-    """Largest angle (radians) by which facets, or a tool, have turned since. Collective."""
+    """Largest rotation (radians) of facets or of a tool since contact detection. Collective."""
     largest = 0.0
     if tool is not None:
         largest = float(np.linalg.norm(rotation_vector(tool.A + np.eye(len(tool.A)))))
@@ -129,7 +133,7 @@ def _slid(
 
 
 def _may_touch(gap: WeightedGap, opened: Array) -> Flags:
-    """Nodes that are open by less than this (length), (nodes,). Collective."""
+    """Nodes with an open gap smaller than a given length, (nodes,). Collective."""
     rows = gap.rows.from_nodes(opened)
     found = gap.rows.largest_on_nodes(gap.state.values[:, 0] + rows) > 0
     sides = found.size // max(len(opened), 1)
@@ -137,12 +141,12 @@ def _may_touch(gap: WeightedGap, opened: Array) -> Flags:
 
 
 def _on_nodes(gap: WeightedGap, rows: Flags) -> Flags:
-    """Nodes that have rows of these, (nodes,). Collective."""
+    """Nodes that have constraints with a flag, (nodes,). Collective."""
     return np.asarray(gap.rows.on_nodes(rows, False), dtype=bool)
 
 
 def _along(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:
-    """Ways of nodes along the surface (length), (nodes,). Collective."""
+    """Sliding distances of nodes along the surface (length), (nodes,). Collective."""
     mean_jump = _mean_jump(gap, model.ordered(gap, ways), tool)
     jump = np.asarray(gap.rows.on_nodes(mean_jump, 0.0), dtype=np.float64)
     normal = gap.slave.node_normal[:, : gap.slave.gdim]
@@ -151,7 +155,7 @@ def _along(model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | Non
 
 
 def _mean_jump(gap: WeightedGap, ways: Ways, tool: Affine | None) -> Array:
-    """Mean of what the two sides have moved against each other, at the rows. Collective."""
+    """Mean relative displacement of the two sides for each constraint. Collective."""
     operator = gap.jump_operator()
     vecs = gap.slave.create_vec(), gap.master.create_vec()
     for vec, way in zip(vecs, ways, strict=True):

@@ -1,4 +1,4 @@
-"""What a contact shows after a solve, to be put back when the attempts that follow fail."""
+"""State of a contact after a solve, restored if later attempts fail."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from qsdolfinx.tools.rigid_surface import deformable
 
 
 class ContactState:
-    """Pairing, gaps, multipliers and slip of a contact, as they are when this is made.
+    """Copy of the present contact pairs, gaps, multipliers and slip of a contact.
 
     Args:
         model: The contact.
@@ -18,7 +18,8 @@ class ContactState:
 
     def __init__(self, model: ContactModel) -> None:
         self._model = model
-        # What pairing found and the arrays of its states are never written into: references do.
+        # Results of contact detection and arrays of states are never written into: references
+        # suffice.
         self._paired = model.paired
         self._states = [copy.copy(part.state) for part in model.parts]
         self._cuts = [gap.cut for gap in model.gaps]
@@ -35,7 +36,7 @@ class ContactState:
             self._offset = [None if v is None else v.array_r.copy() for v in model.offset]
 
     def restore(self) -> None:
-        """Put everything back."""
+        """Restore the complete state."""
         model = self._model
         for surface, coordinates in self._surfaces:
             surface.coordinates = coordinates

@@ -1,6 +1,6 @@
-"""What a contact adds to the equations: gaps, forces, tangent. All functions are collective.
+"""Contributions of a contact to the equations: gaps, forces, tangent. All are collective.
 
-For a rigid tool, None takes the place of what belongs to the master's body.
+For a rigid tool, None takes the place of objects of the master's body.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
-#: Stiffness of a pass' rows, or of a slip's and what couples them with the pass.
+#: Stiffness of the constraints of a gap; or of a slip, together with its coupling to the gap.
 Weights = npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
@@ -41,7 +41,8 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         )
         cut = model.gaps[0].cut
         if cut is not None and isinstance(model.placement.master, ToolPlace):
-            # Contact is not paired where a tool that it follows ends its steps.
+            # With finite sliding, contact detection is not done at the end position of a tool in
+            # each step.
             there = model.placement.master.moved_to(cut.places[1])
             model.placement = dataclasses.replace(model.placement, master=there)
         for slip in model.slips:
@@ -64,12 +65,13 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
 
 
 def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
-    """Add contact's virtual work at the last evaluation to the residuals of the two bodies.
+    """Add the virtual work of contact at the last evaluation to both bodies' residuals.
 
-    That is ∂Φ/∂u, and the work of friction; of temperatures minus its heat.
+    The virtual work is ∂Φ/∂u plus that of friction; for temperatures it is minus the frictional
+    heat.
     """
     with model.watch.stage("gap"):
-        with collective_errors(model.comm):  # a law may be the user's
+        with collective_errors(model.comm):  # a law may be user code
             multipliers = [gap.multiplier(model.eps) for gap in model.gaps]
         for gap, multiplier in zip(model.gaps, multipliers, strict=True):
             gap.add_forces(multiplier, model.ordered(gap, (slave, master)))
@@ -80,10 +82,10 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
 
 
 def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
-    """Add the residual's derivative to the blocks; not assembled here.
+    """Add the derivative of the residual to the blocks, without assembling them.
 
-    Of gaps that follow the bodies only what their stiffness adds: they are solved for at once with
-    multipliers, see ``system.derivative``, and this is for estimates.
+    For gaps with updated geometry only the stiffness term is added, for estimates: these gaps are
+    solved for together with multipliers, see ``system.derivative``.
     """
     with model.watch.stage("insertion"):
         for gap in model.gaps:
@@ -98,7 +100,7 @@ def add_tangent(model: ContactModel, blocks: BlocksOf) -> None:
 
 
 def _changes(model: ContactModel) -> bool:
-    """Whether conductances change with what is solved for: temperatures, or displacements, too."""
+    """Whether conductances depend on unknowns: temperatures, or also displacements."""
     law = model.law
     if not isinstance(law, Conductance):
         return False
@@ -106,7 +108,7 @@ def _changes(model: ContactModel) -> bool:
 
 
 def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
-    """Add zeros wherever :func:`add_tangent` may ever add anything."""
+    """Add zeros at all places where :func:`add_tangent` may add entries."""
     with model.watch.stage("insertion"):
         for gap in model.gaps:
             none = np.zeros(gap.num_rows)
@@ -119,9 +121,9 @@ def add_pattern(model: ContactModel, blocks: BlocksOf) -> None:
 
 
 def has_factors(model: ContactModel) -> bool:
-    """Whether the tangent is best had as Gᵀ W G, with G that stay while contact does not pair anew.
+    """Whether Gᵀ W G is the best form of the tangent, with G constant until contact is updated.
 
-    Rows are few then: there are many more points than nodes.
+    This requires few constraints: at nodes, not at points, which are far more numerous.
     """
     if _changes(model):
         return False
@@ -129,9 +131,10 @@ def has_factors(model: ContactModel) -> bool:
 
 
 def gaps_and_slips(model: ContactModel) -> list[tuple[WeightedGap | Slip, Weights]]:
-    """All passes and slips, and the stiffness of their rows (force per length).
+    """All gaps and slips, and the stiffness of their constraints (force per length).
 
-    Of a pass an array of shape (rows,) or (rows, width), of a slip what its ``stiffness`` returns.
+    The stiffness of a gap is an array of shape (rows,) or (rows, width), that of a slip the result
+    of its ``stiffness``.
     """
     with model.watch.stage("insertion"):
         out: list[tuple[WeightedGap | Slip, Weights]] = [

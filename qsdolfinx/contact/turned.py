@@ -1,4 +1,4 @@
-"""Ties across a gap whose bodies have turned too far for small rotations."""
+"""Check for ties across a gap whose rotation is too large for the theory of small rotations."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 
-#: Traction (over the largest one of the tie) that gaps turned by small rotations may make of
-#: themselves: test_turned_by_hand in tests/steps/test_ties.py.
+#: Spurious traction, over the largest traction of the tie, that gaps rotated by small rotations may
+#: cause: test_turned_by_hand in tests/steps/test_ties.py.
 NOTICED = 0.05
 
-#: Error of a gap over the smallest facet, a strain, that is none: tests/steps/test_ties.py.
+#: Error of a gap over the smallest facet, a strain, that counts as zero: tests/steps/test_ties.py.
 NONE = 1e-7
 
 
 def find_turned_tie(model: ContactModel) -> str | None:
-    """What to say of a tie that has turned too far. Collective."""
+    """Warning about a tie that has rotated too far, or None. Collective."""
     if not model.law.jump or model.is_scalar:
         return None
     share = turning_error(model)
@@ -32,9 +32,10 @@ def find_turned_tie(model: ContactModel) -> str | None:
 
 
 def turning_error(model: ContactModel) -> float:
-    """Traction made by the error of small rotations, over the largest. Collective.
+    """Spurious traction by the error of small rotations, over the largest one. Collective.
 
-    Its gap times the stiffness of the bodies' nodes beside it; 0 of contact that is not tied.
+    It is the error of the gap times the stiffness of the bodies' nodes beside it; 0 for contact
+    that is not tied.
     """
     if not model.law.jump or model.is_scalar or all(gap.turning is None for gap in model.gaps):
         return 0.0

@@ -1,4 +1,4 @@
-"""The tangent as a sum that is never formed: each body's own matrix, and contact beside them."""
+"""The tangent as an unassembled sum of the matrices of the bodies and of contact."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ Array = npt.NDArray[np.float64]
 class Additive:
     """Tangent of all bodies, see :class:`Sum`.
 
-    Bodies' matrices stay where they are. Products are those of their upper triangles in blocks, if
-    they are symmetric, for which PETSc takes half the time. Contact stays in factors, but for
-    friction that follows the pressure of points, whose gaps are weighted anew each time.
+    The matrices of the bodies are not copied. If they are symmetric, products use their upper
+    triangles in blocks, for which PETSc takes half the time. Contact is kept in factors, except for
+    friction that depends on the pressure at points, whose gaps get new weights each time.
 
     Args:
         bodies: The bodies.
@@ -53,7 +53,7 @@ class Additive:
         watch: Stopwatch,
     ) -> None:
         self._bodies, self._watch = bodies, watch
-        #: Whether each body's block is symmetric, as it is now.
+        #: Whether the present block of each body is symmetric.
         self.are_symmetric = list(symmetric)
         self._asked = [body.num_assemblies for body in bodies]
         self._contact: ContactFactors | ContactFormed
@@ -62,32 +62,32 @@ class Additive:
                 self._contact = ContactFactors(contacts, sides, matrices, scales)
         else:
             self._contact = ContactFormed(bodies, contacts, sides, matrices, watch)
-        #: Whether contact has another pattern since multigrid has seen it.
+        #: Whether the pattern of contact has changed since the last set-up of multigrid.
         self.has_other_pattern = False
         parts = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
-        #: Its terms.
+        #: The terms of the sum.
         self.sum = Sum(parts, self._contact.product, self._symmetric_matrices())
         self.matrix = self.sum.matrix
 
     @property
     def factors(self) -> ContactFactors:
-        """Contact in factors."""
+        """The contact terms in factors."""
         assert isinstance(self._contact, ContactFactors)
         return self._contact
 
     @property
     def has_factors(self) -> bool:
-        """Whether contact is in factors."""
+        """Whether contact is kept in factors."""
         return isinstance(self._contact, ContactFactors)
 
     @property
     def contact_matrix(self) -> PETSc.Mat:
-        """Contact as one matrix, where it is not in factors."""
+        """Contact as a single matrix; only if it is not kept in factors."""
         assert isinstance(self._contact, ContactFormed)
         return self._contact.product.matrix
 
     def assemble(self) -> None:
-        """Update to the bodies' and the contacts' present state. Collective."""
+        """Update the sum to the present state of bodies and contacts. Collective."""
         self._follow_bodies()
         if isinstance(self._contact, ContactFormed) and self._contact.is_other:
             self.has_other_pattern = True
@@ -99,23 +99,23 @@ class Additive:
         stiffness: typing.Sequence[tuple[WeightedGap | Slip, terms.Weights]],
         shift: Array | None,
     ) -> None:
-        """Update to the bodies' present state, and to given stiffnesses of rows. Collective.
+        """Update the sum to the bodies' present state and given contact stiffness. Collective.
 
         Args:
-            stiffness: Of passes and slips.
-            shift: On top of the diagonal, owned unknowns.
+            stiffness: Stiffness of the constraints of gaps and slips.
+            shift: Values added to the diagonal, for owned unknowns.
         """
         self._follow_bodies()
         self.factors.set(stiffness)
         self.sum.renew(shift)
 
     def assemble_beside(self, contact: PETSc.Mat, shift: Array | None) -> None:
-        """Update to the bodies' present state, and to contact as a matrix. Collective.
+        """Update the sum to the bodies' present state and a contact matrix. Collective.
 
         Args:
-            contact: AIJ, which becomes this object's; its pattern may be another than before. Or
-                :attr:`contact_matrix` with other entries.
-            shift: On top of the diagonal, owned unknowns.
+            contact: AIJ matrix, which this object then owns; its pattern may differ from the
+                previous one. Or :attr:`contact_matrix` with other entries.
+            shift: Values added to the diagonal, for owned unknowns.
         """
         self._follow_bodies()
         assert isinstance(self._contact, ContactFormed)
@@ -125,16 +125,16 @@ class Additive:
         self.sum.renew(shift)
 
     def _follow_bodies(self) -> None:
-        """Ask bodies for their matrices. Collective."""
+        """Get the present matrices of the bodies. Collective."""
         for i, body in enumerate(self._bodies):
             K = body.matrix()
-            if body.num_assemblies != self._asked[i]:  # what convects is symmetric at rest alone
+            if body.num_assemblies != self._asked[i]:  # convective terms are symmetric only at rest
                 self.are_symmetric[i] = is_symmetric(K)
                 self._asked[i] = body.num_assemblies
         self.sum.symmetric[:] = self._symmetric_matrices()
 
     def _symmetric_matrices(self) -> list[PETSc.Mat | None]:
-        """Those of the bodies that are symmetric, up to date. Collective."""
+        """Present matrices of the bodies that are symmetric; None for others. Collective."""
         pairs = zip(self._bodies, self.are_symmetric, strict=True)
         with self._watch.stage("conversion"):
             return [body.symmetric_matrix() if symmetric else None for body, symmetric in pairs]
@@ -154,10 +154,10 @@ class Additive:
         self.sum.renew(out)
 
     def renew(self) -> None:
-        """Nothing is left from one assembly to the next."""
+        """Do nothing: no state is kept between assemblies."""
 
     def destroy(self) -> None:
-        """Free the matrices but for the bodies'. Collective."""
+        """Free the matrices, except those of the bodies. Collective."""
         self.sum.destroy()
         self._contact.destroy()
 
@@ -185,12 +185,12 @@ class ContactFormed:
         self._blocks: Blocks | None = None
         self._make = functools.partial(Blocks, bodies, contacts, sides, matrices, bulk=False)
         size = sum(K.getLocalSize()[0] for K in matrices)
-        #: The matrix, nothing at first, and whether its pattern is another than that of blocks.
+        #: The matrix, empty at first, and whether its pattern differs from that of the blocks.
         self.product = Formed(joined([]).matrix(size, size, matrices[0].comm))
         self.is_other = True
 
     def update(self) -> None:
-        """Follow the contacts. Collective."""
+        """Update the matrix to the present contacts. Collective."""
         if self._blocks is None:
             self._blocks = self._make()
         self._blocks.assemble()

@@ -1,4 +1,4 @@
-"""Unknowns that a form says nothing of, such as those of cells that it is not integrated over."""
+"""Check for unknowns without an equation, such as those of cells without an integral."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ def is_everywhere(form: ufl.Form) -> bool:
 
 
 def unrolled(blocks: Indices, size: int) -> Indices:
-    """Unknowns of blocks of this size."""
+    """Unknowns of all components of blocks of this size."""
     return (blocks[:, None] * size + np.arange(size, dtype=np.int32)).ravel().astype(np.int32)
 
 
 def check_rows(
     number: int, V: fem.FunctionSpace, free: Indices, bare: Indices, matrix: PETSc.Mat | None
 ) -> None:
-    """Refuse a body with free unknowns that its form gives no equation. Collective.
+    """Raise an error if the form of a body has no equation for free unknowns. Collective.
 
-    Those of cells that the form is not integrated over; of a form that is linear also those whose
-    rows are zero, since they stay so.
+    These are unknowns of cells over which the form is not integrated. For a linear form they are
+    also unknowns with zero rows, since these rows stay zero.
 
     Args:
         number: Place of the body in the list of bodies.
-        V: Its space.
-        free: Owned unknowns that no condition holds.
+        V: Function space of the body.
+        free: Owned unknowns without Dirichlet conditions.
         bare: Owned unknowns without an entry in K.
-        matrix: K, assembled, of a linear form; None of others.
+        matrix: Assembled K of a linear form; None for other forms.
 
     Raises:
         ValueError: On all ranks.
@@ -56,19 +56,19 @@ def check_rows(
         found = np.union1d(found, np.intersect1d(_zero_rows(matrix), free))
     counts = comm.allreduce(np.array([len(found), len(free), len(bare)]), op=MPI.SUM)
     if counts[0] == 0 or (counts[0] == counts[1] and counts[2] == 0):
-        return  # a body of which all is zero has what contact gives it
+        return  # a body with a zero form has only the equations of contact
     low, high = _box(V, found)
     raise ValueError(
         f"F: entry {number} gives no equation for {counts[0]} of the {counts[1]} unknowns of "
-        f"u[{number}] that no condition holds: in cells with midpoints from {low} to {high}, "
-        "over which it has no integral, or where its coefficients are zero; hold these unknowns "
+        f"u[{number}] without a condition: in cells with midpoints from {low} to {high}, over "
+        "which it has no integral, or where its coefficients are zero; constrain these unknowns "
         "by Dirichlet conditions, make the body of a sub-mesh of the other cells "
         "(dolfinx.mesh.create_submesh), or give all cells a stiffness"
     )
 
 
 def _zero_rows(matrix: PETSc.Mat) -> Indices:
-    """Owned rows without an entry other than zero, numbered from this rank's first one."""
+    """Owned rows without nonzero entries, numbered from the first row of this rank."""
     diagonal = matrix.getDiagonal()
     some = np.flatnonzero(diagonal.array_r == 0)
     diagonal.destroy()
@@ -78,7 +78,7 @@ def _zero_rows(matrix: PETSc.Mat) -> Indices:
 
 
 def _box(V: fem.FunctionSpace, unknowns: Indices) -> tuple[str, str]:
-    """Corners of the box of the midpoints of cells with these unknowns, as texts. Collective."""
+    """Corners, as texts, of the box of midpoints of these unknowns' cells. Collective."""
     msh = V.mesh
     blocks = np.unique(unknowns // V.dofmap.index_map_bs)
     cells = np.flatnonzero(np.any(np.isin(V.dofmap.list, blocks), axis=1)).astype(np.int32)

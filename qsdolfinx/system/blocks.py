@@ -1,4 +1,4 @@
-"""Contact's blocks of the tangent as a MatNest, with bulk on its diagonal if wanted."""
+"""Contact blocks of the tangent as a MatNest, optionally with the bulk on its diagonal."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Sides = typing.Sequence[Side]
 
 
 class Blocks:
-    """MatNest with a pattern that stays until contact pairs anew.
+    """MatNest whose pattern is constant until the contact pairs are updated.
 
     Args:
         bodies: The bodies.
         contacts: Contacts with the penalty already known.
         sides: Bodies of each contact.
-        matrices: Bulk block of each body, for its layout, and its pattern if it is wanted.
-        bulk: Whether the blocks on the diagonal take in the bulk.
+        matrices: Bulk block of each body, for its layout, and for its pattern if ``bulk`` is set.
+        bulk: Whether the blocks on the diagonal include the bulk.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Blocks:
         diagonal.destroy()
 
     def renew(self) -> None:
-        """Nothing is left from one assembly to the next."""
+        """Do nothing: no state is kept between assemblies."""
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
@@ -101,7 +101,7 @@ class Blocks:
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Bodies of each block that there is."""
+        """Bodies of each existing block."""
         return list(self._mats)
 
     def assemble(self) -> None:
@@ -125,11 +125,11 @@ def forbid_allocation(mat: PETSc.Mat) -> None:
 
 
 def is_symmetric(mat: PETSc.Mat) -> bool:
-    """Whether xᵀ A y = yᵀ A x for two vectors without any order. Collective."""
+    """Whether xᵀ A y = yᵀ A x for two irregular vectors. Collective."""
     x, y = mat.createVecs()
     Ax, Ay = x.duplicate(), x.duplicate()
     for seed, vec in enumerate((x, y)):
-        # The same on any partition, and never by chance in A's null space.
+        # Vectors are the same on any partition, and not by chance in A's null space.
         index = np.arange(*vec.owner_range)
         vec.array[:] = np.sin(1.0 + (seed + 1.7) * (index % 9973) ** 1.3)
     mat.mult(x, Ax)

@@ -24,7 +24,8 @@ from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
 
-#: How far off, relative to the largest unknown, constrained ones count as nearly at their values.
+#: Deviation of constrained unknowns from their values, relative to the largest unknown, that counts
+#: as small.
 NEARLY = 1e-6
 
 
@@ -38,32 +39,33 @@ def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
 
 
 def body_of(u: typing.Sequence[fem.Function], V: fem.FunctionSpace | None) -> int | None:
-    """Index of the body whose space is V or has the sub-space V; None of a rigid tool's None.
+    """Index of the body whose space is V or has the sub-space V; None if V is None (rigid tool).
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no such body.
     """
     if V is None:
         return None
     for i, function in enumerate(u):
         if contains(function.function_space, V):
             return i
-    raise ValueError("V: is the space of none of the bodies, nor a part of one")
+    raise ValueError("V: must be the space of a body, or a sub-space of it")
 
 
 class Body:
     """Bulk form F(u; v) = 0 of one body.
 
     Residuals are those of Newton's method with Dirichlet conditions eliminated: r = k (x − g) in
-    the rows of constrained unknowns, k being ``condition_stiffness``, so that all rows are forces;
-    in the others the residual as it will be when the step has made x = g there. A form that is
-    linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with K assembled once.
+    the rows of constrained unknowns, where k is ``condition_stiffness``, so that all rows are
+    forces. Other rows have the residual as it will be after the Newton step has set x = g in the
+    constrained unknowns. A form that is linear in u is evaluated as r(x) = r(x₀) + K (x − x₀), with
+    K assembled once.
 
     Args:
         F: Residual, a linear form in the test function.
         u: Unknown of the form.
         bcs: Dirichlet conditions on u.
-        J: Derivative of F; by default it is derived. Not used if F is linear in u.
+        J: Derivative of F; by default it is computed by UFL. Not used if F is linear in u.
         compiling: How its forms are compiled.
     """
 
@@ -80,7 +82,7 @@ class Body:
         self.compiling = compiling
         self.bcs = list(bcs)
         self.V = u.function_space
-        #: Its residual.
+        #: Residual form F.
         self.form = F
         derivative = expand_derivatives(ufl.derivative(F, u))
         #: Whether F is linear in u, so that K is constant.
@@ -90,7 +92,7 @@ class Body:
         self._residual_form = compiling.form(F)
         self._tangent_form = compiling.form(tangent)
         self._K: PETSc.Mat | None = None
-        # Its upper triangle, and the assembly that it is of.
+        # Upper triangle of K, and the number of the assembly from which it was made.
         self._half: PETSc.Mat | None = None
         self._half_of = 0
         #: Owned unknowns of cells that F is not integrated over: without an entry in K.
@@ -101,15 +103,16 @@ class Body:
         self.matrix_type: str = PETSc.Mat.Type.AIJ
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
-        #: What its coordinates mean; its contact surfaces know.
+        #: Meaning of its coordinates, set by its contact surfaces.
         self.geometry = Cartesian()
-        #: Wall time that this rank has spent in assembly.
+        #: Wall time of this rank in assembly.
         self.watch = Stopwatch()
         #: Number of times that K was assembled.
         self.num_assemblies = 0
-        # Whether an exception has ended the assembly of a matrix, which is then of no more use.
+        # Whether an exception has interrupted the assembly of a matrix, which cannot be used any
+        # more.
         self._is_broken = False
-        # Digest of what :meth:`matrix` last depended on.
+        # Digest of the data from which :meth:`matrix` was last assembled.
         self._assembled = b""
         #: Entry of K in the rows of Dirichlet conditions (force per length); 0 until it is known.
         self.condition_stiffness = 0.0
@@ -126,11 +129,11 @@ class Body:
         self.owned_constrained = self.constrained[self.constrained < self.num_owned]
         #: Owned unknowns without Dirichlet conditions.
         self.free = np.setdiff1d(np.arange(self.num_owned), self.owned_constrained)
-        #: Owned rows that have one unit; the first are forces.
+        #: Groups of owned rows with the same unit; those of the first group are forces.
         self.groups = groups(self.V)
         #: Largest entry of each owned row of K, if there is more than one group.
         self.terms: Array = np.zeros(0)
-        #: Unknowns as contact sees them, Dirichlet values in place.
+        #: Unknowns as used by contact, with Dirichlet values set.
         self.x: PETSc.Vec = self.create_vec()
         #: Work vector of contact forces.
         self.force: PETSc.Vec = self.create_vec()
@@ -170,10 +173,10 @@ class Body:
         """Read new Dirichlet values, loads, material and geometry. Collective.
 
         Args:
-            part: Part of the way from the start that Dirichlet values are to go.
-            start: Unknowns, ghosts included.
+            part: Part of the change of Dirichlet values from the start that is applied.
+            start: Unknowns at the start, ghosts included.
         """
-        self.u.x.scatter_forward()  # a user may have set owned values alone
+        self.u.x.scatter_forward()  # a user may have set owned values only
         for bc in self.bcs:
             bc.set(self._g.array)
         if start is not None:
@@ -196,7 +199,7 @@ class Body:
         self.u.x.array[:] = kept
 
     def with_conditions(self, x: Array) -> Array:
-        """Copy of the owned unknowns x with their Dirichlet values in place."""
+        """Copy of the owned unknowns x with their Dirichlet values set."""
         out = x.copy()
         out[self.owned_constrained] = self._g.array[self.owned_constrained]
         return out
@@ -218,17 +221,17 @@ class Body:
 
     @property
     def reference(self) -> Array:
-        """Magnitude of the unknowns from which those of a linear form are counted."""
+        """Magnitude of the unknowns x₀ at which a linear form is expanded."""
         return np.abs(self._x0)
 
     def reactions(self) -> Array:
-        """F in the owned rows of Dirichlet conditions, where residual() was last. Collective."""
-        if self.linear:  # K does not have these rows
+        """F in owned rows with Dirichlet conditions, at the last call of residual(). Collective."""
+        if self.linear:  # K does not contain these rows
             self._reactions = self._assemble_vector()[self.owned_constrained]
         return self._reactions
 
     def add_tangent(self, block: PETSc.Mat) -> None:
-        """Add the bulk part to the zeroed diagonal block, at the u that residual() was given."""
+        """Add the bulk part to the zeroed diagonal block, at the u of the last residual()."""
         if self.linear:
             block.axpy(1.0, self._K, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         else:
@@ -251,10 +254,10 @@ class Body:
         return self._K
 
     def symmetric_matrix(self) -> PETSc.Mat:
-        """The same in half as many entries, which PETSc multiplies with 2 or 3 times as fast.
+        """Symmetric bulk block with half the entries; PETSc multiplies it 2 or 3 times as fast.
 
-        What :meth:`matrix` was last has to be symmetric. If it is not in blocks, it is returned
-        itself. The object stays when its entries change. Collective.
+        The last result of :meth:`matrix` must be symmetric. If it has no block format, it is
+        returned itself. The same object is returned when its entries change. Collective.
         """
         K = self._K
         assert K is not None
@@ -263,7 +266,7 @@ class Body:
         if self._half_of != self.num_assemblies:
             K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
             self._half = K.convert(PETSc.Mat.Type.SBAIJ, self._half or PETSc.Mat())
-            if not self.linear:  # the next one may not be
+            if not self.linear:  # the next assembled matrix may not be symmetric
                 K.setOption(PETSc.Mat.Option.SYMMETRIC, False)
             self._half_of = self.num_assemblies
         return self._half
@@ -284,7 +287,7 @@ class Body:
         return cpp.la.petsc.create_matrix(self.comm, pattern, self.matrix_type)
 
     def free_matrix(self) -> None:
-        """Free what :meth:`matrix` gave, unless it is still needed. Collective."""
+        """Free the result of :meth:`matrix`, unless it is still needed. Collective."""
         if not self.linear and self._K is not None:
             self._K.destroy()
             self._K = None
@@ -303,15 +306,15 @@ class Body:
                 thing.destroy()
 
     def at_points(self) -> list[fem.Function]:
-        """Functions at quadrature points that the form depends on, such as a plastic strain."""
+        """Functions on quadrature elements on which the form depends, such as a plastic strain."""
         found = [c for c in self.form.coefficients() if isinstance(c, fem.Function)]
         return [f for f in found if getattr(f.ufl_element(), "is_quadrature", False)]
 
     def _measure(self, matrix: PETSc.Mat) -> None:
-        """Assemble K, and see how stiff it is. Collective.
+        """Assemble K, and measure its stiffness. Collective.
 
-        The rows of Dirichlet conditions take a power of two near the mean of the diagonal, so that
-        they scale as all else when units change.
+        The rows of Dirichlet conditions get a power of two near the mean of the diagonal, so that
+        they scale like all other rows when units change.
         """
         self._assemble_matrix(matrix)
         check_rows(self.number, self.V, self.free, self.bare, matrix if self.linear else None)
@@ -335,24 +338,24 @@ class Body:
         self._is_broken = True
         with self.watch.stage("bulk assembly"):
             matrix.zeroEntries()
-            # mypy sees another of the functions that this name dispatches to.
+            # mypy sees another one of the functions to which this name dispatches.
             fem_petsc.assemble_matrix(matrix, form, self.bcs, stiffness)  # type: ignore[arg-type]
             matrix.assemble()
         self._is_broken = False
         self.num_assemblies += 1
 
     def _forget_broken(self) -> None:
-        """Leave behind a matrix whose assembly was not finished, which PETSc would refuse."""
+        """Drop a matrix whose assembly was interrupted, since PETSc would not accept it."""
         if self._is_broken:
             self._is_broken, self._K, self.fingerprint = False, None, b""
             self._assembled = b""
             self._half, self._half_of = None, 0
 
     def _assemble_with_conditions(self) -> Array:
-        """F as it will be when the constrained unknowns have their values. Collective.
+        """Assemble F as it will be when the constrained unknowns have their values. Collective.
 
-        Where they are off by what a linear solver leaves, at these values: lifting costs an
-        assembly of the tangent.
+        If they deviate only by the error of a linear solver, F is assembled at these values, since
+        lifting costs an assembly of the tangent.
         """
         x, u, g = self.u.x.array, self.u.x.array[self.constrained], self._g.array[self.constrained]
         off = np.abs(u - g).max(initial=0.0)
@@ -364,7 +367,7 @@ class Body:
         return out
 
     def _assemble_vector(self, lift: bool = False) -> Array:
-        """F at u on the owned unknowns; with lift, as if the constrained ones had their values."""
+        """Assemble F at u on owned unknowns; with lift, as if constrained ones had their values."""
         with self.watch.stage("bulk assembly"):
             self._b.array[:] = 0
             fem.assemble_vector(self._b.array, self._residual_form)

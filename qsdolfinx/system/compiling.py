@@ -1,4 +1,4 @@
-"""How a problem's UFL forms are compiled: the options that every form of its bodies gets."""
+"""Options for compiling UFL forms, the same for every form of a problem's bodies."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from dolfinx import fem
 
 @dataclasses.dataclass(frozen=True)
 class Compiling:
-    """Options of ``dolfinx.fem.form``, as those of ``dolfinx.fem.petsc.NonlinearProblem``.
+    """Options of ``dolfinx.fem.form``, as in ``dolfinx.fem.petsc.NonlinearProblem``.
 
     Attributes:
-        form_compiler_options: For FFCx, such as ``{"sum_factorization": True}``.
-        jit_options: For the C compiler, such as ``{"cffi_extra_compile_args": ["-O3"]}``.
-        entity_maps: Maps between the meshes of a form with coefficients of several, in the form
-            that the installed DOLFINx takes.
+        form_compiler_options: Options of FFCx, such as ``{"sum_factorization": True}``.
+        jit_options: Options of the C compiler, such as ``{"cffi_extra_compile_args": ["-O3"]}``.
+        entity_maps: Maps between meshes, for a form with coefficients on several meshes, in the
+            format of the installed DOLFINx.
     """
 
     form_compiler_options: dict[str, typing.Any] | None = None
@@ -25,7 +25,7 @@ class Compiling:
     entity_maps: typing.Any = None
 
     def form(self, form: ufl.Form) -> fem.Form:
-        """The compiled form. Collective."""
+        """Compile a form. Collective."""
         try:
             return fem.form(
                 form,
@@ -36,7 +36,7 @@ class Compiling:
         except (TypeError, AttributeError, RuntimeError) as error:
             if self == Compiling():
                 raise
-            # On several ranks DOLFINx makes a RuntimeError of whatever the first one raises.
+            # On several ranks, DOLFINx turns any error of the first rank into a RuntimeError.
             kind = RuntimeError if isinstance(error, RuntimeError) else TypeError
             names = "form_compiler_options, jit_options, entity_maps"
             raise kind(f"{names}: DOLFINx does not accept one of these: {error}") from error

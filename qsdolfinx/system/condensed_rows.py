@@ -1,4 +1,4 @@
-"""Rows of a pass whose gaps make forces themselves: of points, of laws that give λ for a gap."""
+"""Constraints whose forces follow from gaps: at points, and of laws that give λ for a gap."""
 
 from __future__ import annotations
 
@@ -21,33 +21,34 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Part of the diagonal by which the inexact derivative is softer at points: where sides of a node
-#: are pressed flat, or many edges meet a facet, multipliers are more than there are motions. The
-#: most, far from a solution, where multipliers that are next to redundant would be huge; and the
-#: least, with which they are found.
+#: Part of the diagonal subtracted in the inexact derivative at points, as compliance: where smooth
+#: patches of a node are pressed flat, or many edges meet a facet, there are more multipliers than
+#: motions. The first is the largest, used far from a solution, where almost redundant multipliers
+#: would be huge. The second is the smallest, used near a solution.
 PROXIMAL, LEAST_PROXIMAL = 1e-5, 1e-10
 
-#: Closed part of what a node covers from which on points beside it begin closed.
+#: Active part of the covered support of a node above which points beside it start active.
 MOST = 0.5
 
 
 class CondensedRows:
-    """λ = φ'(ḡ), and no unknowns: a penalty, a conductance, or a user's law.
+    """Constraints λ = φ'(ḡ) without unknowns: a penalty, a conductance, or a user's law.
 
     Forces are Gᵀ W λ, and their derivative is Gᵀ W φ'' G, see ``GapMatrices``.
 
     Args:
         model: The contact.
-        gap: The pass.
+        gap: The integration side.
     """
 
-    #: γ (stress per length): y = γ ḡ but for multipliers, and 1 of laws that are not asked by y.
+    #: γ (stress per length): y = γ ḡ plus the part of multipliers. It is 1 for laws that are not
+    #: evaluated by y.
     gamma = 1.0
 
-    #: Part of the diagonal by which the inexact derivative is softer.
+    #: Part of the diagonal subtracted in the inexact derivative, as compliance.
     proximal = LEAST_PROXIMAL
-    #: Whether it is that far from a solution: λ_h takes the place of p in forces that change; see
-    #: :attr:`moves`.
+    #: Whether the inexact derivative is that far from a solution: λ_h then takes the place of p in
+    #: the change of forces; see :attr:`moves`.
     far = False
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
@@ -56,9 +57,10 @@ class CondensedRows:
 
     @property
     def moves(self) -> bool:
-        """Whether points move on their facets in the inexact derivative, but for their gaps.
+        """Whether points move on their facets in the inexact derivative, except in their gaps.
 
-        Far from a solution gaps stay what they are there, and without multipliers all of it.
+        Far from a solution, gaps are differentiated with fixed points; without multipliers, all
+        terms are.
         """
         return not self.far or self.has_multipliers
 
@@ -68,7 +70,7 @@ class CondensedRows:
 
     @property
     def has_multipliers(self) -> bool:
-        """Whether there are any, on any rank."""
+        """Whether there are multipliers on any rank."""
         return False
 
     @property
@@ -81,9 +83,9 @@ class CondensedRows:
         return np.zeros((0, self._width))
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
-        """Gaps, λ, and where that changes with the gap. Collective."""
+        """Evaluate gaps and λ, and which constraints have a λ that varies. Collective."""
         gap = self.gap.state.values
-        with collective_errors(self.model.comm):  # the law may be the user's
+        with collective_errors(self.model.comm):  # the law may be user code
             found = self.gap.multiplier(self.model.eps)
             slope = active_set.slope(self.model, self.gap)
             active = slope > 0
@@ -96,7 +98,7 @@ class CondensedRows:
         return Normal(multiplier, gap, trial, pressure, active, pressure)
 
     def stiffness(self, at: Normal) -> Array:
-        """φ''(ḡ) of the rows (stress per length), (rows, width). Collective."""
+        """Stiffness φ''(ḡ) of the constraints (stress per length), (rows, width). Collective."""
         with collective_errors(self.model.comm):
             slope = active_set.slope(self.model, self.gap)
         out = np.where(at.active, slope, 0.0)[:, None] * np.ones(self._width)
@@ -104,29 +106,29 @@ class CondensedRows:
         return out if extension is None or not self.gap.law.jump else out * ~extension.held
 
     def by_trial(self) -> Array:
-        """Derivative of y by γ ḡ and what rows see of multipliers, (rows,)."""
+        """Derivative of y by the sum of γ ḡ and multipliers acting on constraints, (rows,)."""
         return self.scales.penalty
 
     @property
     def part(self) -> float:
-        """Of the multipliers that rows see, over what they are."""
+        """Part of the multipliers that acts on the constraints."""
         return 1.0
 
     def at_points(self, multiplier: Array) -> Array:
-        """Multipliers at the rows (stress), (rows, width). Collective."""
+        """Multipliers at the constraints (stress), (rows, width). Collective."""
         return np.zeros((self.gap.num_rows, self._width))
 
     def seen(self, multiplier: Array) -> Array:
-        """What the rows see of multipliers, likewise. Collective."""
+        """Multipliers acting on the constraints (stress), (rows, width). Collective."""
         return self.part * self.at_points(multiplier)
 
     def gathered(self, values: Array) -> Array:
-        """The transposed, times areas, of values (rows,). Collective."""
+        """Transposed of :meth:`at_points`, times areas, applied to values (rows,). Collective."""
         return np.zeros((0, self._width))
 
     @property
     def areas(self) -> Array:
-        """Area of each multiplier, of its shape. Collective."""
+        """Area of each multiplier, in the shape of the multipliers. Collective."""
         return np.zeros((0, self._width))
 
     def residual(self, at: Normal) -> Array:
@@ -142,7 +144,7 @@ class CondensedRows:
         return forces
 
     def open_gap(self, at: Normal) -> float:
-        """None is to be closed."""
+        """Zero: multipliers close no gap."""
         return 0.0
 
     def known(self, multiplier: Array) -> Array:
@@ -150,22 +152,22 @@ class CondensedRows:
         return self.gap.state.augmented
 
     def keep(self, at: Normal) -> None:
-        """Nothing but the gap."""
+        """Do nothing: the state is the gap."""
 
     def softened(self, at: Normal) -> Array:
         """Of nothing."""
         return np.zeros(0)
 
     def rounding(self) -> float:
-        """Largest factor that turns gaps into stress on this rank."""
+        """Largest factor from gaps to stress on this rank."""
         return self.scales.largest()
 
 
 def _check_slope(slope: Array, pressure: Array) -> None:
-    """Refuse slopes of a law that remembers with which rows would be open that carry something.
+    """Raise an error for slopes of a history law by which loaded constraints would be inactive.
 
     Raises:
-        ValueError: If there are any.
+        ValueError: If there are such slopes.
     """
     lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
     text = "law: slope must be positive where the multiplier is not 0; if that falls as the gap "
@@ -173,20 +175,20 @@ def _check_slope(slope: Array, pressure: Array) -> None:
 
 
 class PointConstraints(CondensedRows):
-    """Unilateral contact at points, with multipliers of nodes.
+    """Unilateral contact at points, with multipliers at nodes.
 
-    With λ_h = Σ_k N_k λ_k, γ the automatic penalty, a = 1, and w_p the weights of the points,
+    With λ_h = Σ_k N_k λ_k, the automatic penalty γ, a = 1, and the weights w_p of the points,
 
         y_p = a λ_h + γ g_p,   p_p = [y_p]₊,   (R_λ)_k = a Σ_p w_p N_k (p_p − λ_h)/γ,
 
     and forces are Σ_p w_p p_p ∂g_p/∂u: the derivatives of Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²). A
-    penalty ε is the compliance λ_h/ε, y_p = λ_h + γ (g_p − λ_h/ε), so that a = 1 − γ/ε;
-    one that is about as soft as the bodies has γ = ε and no multipliers. A user's law has
-    p_p = φ'(y_p/γ). A node has a multiplier for each of its smooth sides; what conditions hold on
-    both sides or points hardly cover has the mean of its neighbours, λ = E λ_free, and R_λ is of
-    λ_free.
+    penalty ε is the compliance λ_h/ε, y_p = λ_h + γ (g_p − λ_h/ε), so that a = 1 − γ/ε; a penalty
+    that is about as soft as the bodies has γ = ε and no multipliers. A user's law has p_p =
+    φ'(y_p/γ). A node has a multiplier for each of its smooth patches. Multipliers that are
+    redundant because of conditions on both sides, or whose support is hardly covered by points, are
+    condensed: they have the mean of their neighbours, λ = E λ_free, and R_λ belongs to λ_free.
 
-    Arguments as of :class:`CondensedRows`; rows are points.
+    Arguments as for :class:`CondensedRows`; the constraints are at points.
     """
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
@@ -195,8 +197,8 @@ class PointConstraints(CondensedRows):
         self._moving: tuple[Array, MovingFunctions | None] | None = None
         self.gamma: float = model.eps
         self._has: bool = model.has_multipliers_at_points
-        #: E, None where λ_free is all of λ; and the sides of owned nodes whose multipliers are
-        #: unknowns, (nodes, block).
+        #: E, or None where λ_free is all of λ; and the smooth patches of owned nodes whose
+        #: multipliers are unknowns, (nodes, block).
         self.extension: Extension | None
         self.free: Flags
         self.extension, self.free = self._found()
@@ -204,31 +206,31 @@ class PointConstraints(CondensedRows):
             gap.following.carried = None if self.extension is None else self.extension.filled
 
     def _found(self) -> tuple[Extension | None, Flags]:
-        """What carries multipliers at the points of the last evaluation. Collective."""
+        """E, and the patches with free multipliers, at the last evaluation. Collective."""
         covered = self._points.covered
         extension = self._points.extended(self.gap.extension)
         held = np.zeros_like(covered) if extension is None else extension.held
         return extension, covered & ~held & self._has
 
     def has_others(self) -> bool:
-        """Whether other sides carry multipliers where gaps follow the bodies to. Collective."""
+        """Whether other patches have multipliers after an update of the geometry. Collective."""
         if self.gap.following is None or not self._has:
             return False
         return not np.array_equal(self._found()[1], self.free)
 
     @property
     def _points(self) -> PointRows:
-        """The points, others at each evaluation where gaps follow the bodies."""
+        """The points; with updated geometry they are others at each evaluation."""
         assert isinstance(self.gap.rows, PointRows)
         return self.gap.rows
 
     @property
     def _penalty(self) -> Array:
-        """ε of the points, as a user's law is told."""
+        """Penalty ε of the points, as the argument of a user's law."""
         return np.full(self.gap.num_rows, self.model.eps)
 
     def soften(self, part: float) -> None:
-        """Take this part of γ, if there are multipliers: λ means the same."""
+        """Use this part of γ if there are multipliers; the meaning of λ does not change."""
         if self._has:
             self.gamma = part * self.model.eps
 
@@ -239,7 +241,7 @@ class PointConstraints(CondensedRows):
 
     @property
     def has_multipliers(self) -> bool:
-        """Whether there are any, on any rank."""
+        """Whether there are multipliers on any rank."""
         return self._has
 
     @property
@@ -248,19 +250,19 @@ class PointConstraints(CondensedRows):
         return int(np.count_nonzero(self.free))
 
     def on_sides(self, multiplier: Array) -> Array:
-        """E λ_free at all sides of owned nodes, (nodes, block). Collective."""
+        """Multipliers E λ_free at all smooth patches of owned nodes, (nodes, block). Collective."""
         out = np.zeros(self.free.shape)
         out[self.free] = multiplier[:, 0]
         return out if self.extension is None else self.extension.fill(out)
 
     def at_points(self, multiplier: Array) -> Array:
-        """λ_h at the points, (points, 1). Collective."""
+        """Multiplier λ_h at the points, (points, 1). Collective."""
         if not self._has:
             return np.zeros((self.gap.num_rows, 1))
         return self._points.from_sides(self.on_sides(multiplier))[:, None]
 
     def gathered(self, values: Array) -> Array:
-        """Eᵀ Nᵀ W of values of the points, of the shape of λ_free. Collective."""
+        """Eᵀ Nᵀ W applied to values at points, in the shape of λ_free. Collective."""
         sums = self.gap.share * self._points.sums(values)
         if self.extension is not None:
             sums = self.extension.gather(sums)
@@ -268,23 +270,23 @@ class PointConstraints(CondensedRows):
 
     @property
     def areas(self) -> Array:
-        """Area of each of λ_free, of its shape. Collective."""
+        """Area of each multiplier in λ_free, in the shape of λ_free. Collective."""
         return self.gathered(np.ones(self.gap.num_rows))
 
     # --- Evaluation
 
     def first(self) -> Array:
-        """What is known of λ."""
+        """First guess of λ, from the last solve."""
         return np.asarray(self.gap.state.augmented[self.free][:, None] / self.part)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
-        """Gaps and y of the points, and which are closed. Collective."""
+        """Evaluate gaps and y at the points, and find the active points. Collective."""
         gap = self.gap.state.values
         trial = self.seen(multiplier) + self.gamma * gap
         pressure, active = trial, trial[:, 0] > 0
         if not self._is_unilateral:
             shifted = np.asarray(trial / self.gamma, dtype=np.float64)
-            with collective_errors(self.model.comm):  # the law is the user's
+            with collective_errors(self.model.comm):  # the law is user code
                 pressure = self.gap.law.multiplier(shifted, self._penalty)
             active = self._slope(trial) > 0
         elif first:
@@ -292,18 +294,18 @@ class PointConstraints(CondensedRows):
             active = self._kept_closed(active, trial[:, 0])
         if opened is not None:
             active &= ~opened
-        pressure = np.where(active[:, None], pressure, 0.0)  # what is closed for once may pull
+        pressure = np.where(active[:, None], pressure, 0.0)  # active points may have tension
         return Normal(multiplier, gap, trial, pressure, active, pressure)
 
     def _slope(self, trial: Array) -> Array:
-        """φ'' of the user's law (stress per length), (points,). Collective."""
+        """Slope φ'' of the user's law (stress per length), (points,). Collective."""
         shifted = np.asarray(trial / self.gamma, dtype=np.float64)
         with collective_errors(self.model.comm):
             touching = self.model.paired.touching
             return self.gap.law.slope(shifted, self._penalty, touching)
 
     def _kept_closed(self, active: Flags, trial: Array) -> Flags:
-        """With points that were closed by the most, and one at least of each such node.
+        """Add points of nodes that were mostly active, and at least one point of each active node.
 
         Collective.
         """
@@ -320,7 +322,7 @@ class PointConstraints(CondensedRows):
         return np.asarray(active | (trial >= level))
 
     def residual(self, at: Normal) -> Array:
-        """R_λ. Collective."""
+        """Residual R_λ. Collective."""
         change = at.pressure - self.at_points(at.multiplier)
         return np.asarray(self.part / self.gamma * self.gathered(change[:, 0]))
 
@@ -329,23 +331,23 @@ class PointConstraints(CondensedRows):
         return np.full(self.num_multipliers, self.gamma)
 
     def stress(self, at: Normal, forces: Array) -> Array:
-        """Mean stress, or what gaps stand for in the stiffest body. Collective."""
+        """Mean stress, or stress of the mean gaps in the stiffest body. Collective."""
         return np.asarray(max(self.scales.largest() / self.gamma, 1.0) * forces / self.areas)
 
     def open_gap(self, at: Normal) -> float:
-        """The largest mean on this rank. Collective."""
+        """Largest mean gap on this rank. Collective."""
         return float(np.max(np.abs(self.residual(at) / self.areas), initial=0.0))
 
     def known(self, multiplier: Array) -> Array:
-        """Multipliers of all sides times a: with γ the gaps' law makes p of it. Collective."""
+        """Multipliers of all patches times a, from which the law gives p by γ. Collective."""
         return self.part * self.on_sides(multiplier)
 
     def keep(self, at: Normal) -> None:
-        """Let the pass know λ, and what of each side is closed. Collective."""
+        """Store λ, and the active part of each smooth patch, in the gap. Collective."""
         state, cover = self.gap.state, self._points.cover_of_sides
         if self._has:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
-            # Where nothing is closed λ is rounding, and the next solve is a cold one.
+            # Where nothing is active, λ is rounding, and the next solve starts without multipliers.
             state.augmented = self.known(at.multiplier if some else 0.0 * at.multiplier)
         closed = self._points.sums(at.active.astype(np.float64))
         state.closed = np.divide(closed, cover, out=np.zeros_like(cover), where=cover > 0)
@@ -353,20 +355,20 @@ class PointConstraints(CondensedRows):
     # --- Derivative
 
     def stiffness(self, at: Normal) -> Array:
-        """γ where points are closed. Collective."""
+        """Stiffness γ at active points. Collective."""
         if not self._is_unilateral:
             return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
     def add_curvature(self, at: Normal, to: Destination) -> None:
-        """Add how forces change with p_p held, of gaps that follow. Collective."""
+        """Add the change of forces at constant p_p, for updated geometry. Collective."""
         found = at.pressure[:, 0]
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
         self.gap.add_curvature_of_points(found, self.moves, to)
 
     def moving(self, at: Normal) -> MovingFunctions | None:
-        """How λ_h moves along facets, of gaps that follow; None if it does not. Collective.
+        """Change of λ_h as points move along facets (finite sliding); None if constant. Collective.
 
         Args:
             at: The points, at the last evaluation.

@@ -1,4 +1,4 @@
-"""Constraints of one pass of a contact in the equations: rows of λ, and of τ."""
+"""Constraints of one integration side of a contact in the equations: those of λ, and of τ."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from qsdolfinx.system.normal_rows import AugmentedLawRows, NodalRows, Normal, No
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Laws that ``NodalRows`` stand for; others are a user's.
+#: Laws implemented by ``NodalRows``; all other laws are a user's.
 LAWS = Unilateral, Tied
 
 
 class Multipliers(typing.NamedTuple):
-    """Unknowns of the constraints of one pass.
+    """Unknowns of the constraints of one integration side.
 
     Attributes:
-        normal: λ, stress, (rows, 1), or (rows, gdim) of a law of the whole jump.
+        normal: λ, stress, (rows, 1), or (rows, gdim) for a law of the whole relative displacement.
         tangential: τ, stress, (rows, gdim), or at points (unknowns, 1); None without friction.
     """
 
@@ -40,8 +40,8 @@ class Evaluated(typing.NamedTuple):
     """Constraints at given unknowns.
 
     Attributes:
-        normal: Rows of λ.
-        tangential: Rows of τ; None without friction.
+        normal: Constraints of λ.
+        tangential: Constraints of τ; None without friction.
     """
 
     normal: Normal
@@ -49,52 +49,53 @@ class Evaluated(typing.NamedTuple):
 
     @property
     def pressure(self) -> Array:
-        """Stress that makes forces at the rows of the gaps, (rows, width)."""
+        """Stress from which the forces of the gaps are computed, (rows, width)."""
         return self.normal.pressure
 
     @property
     def active(self) -> Flags:
-        """Rows of the gaps that are closed."""
+        """Active constraints of the gaps."""
         return self.normal.active
 
     @property
     def closed(self) -> Flags:
-        """Rows that are closed, or on the edge of contact; with friction those of τ."""
+        """Constraints that are active or on the edge of contact; with friction those of τ."""
         return self.active if self.tangential is None else self.tangential.closed
 
     @property
     def sticking(self) -> Flags:
-        """Closed rows that do not slip; all without friction."""
+        """Active constraints that stick; all active constraints without friction."""
         return self.active if self.tangential is None else self.tangential.sticking
 
 
 class ConstraintRows:
-    """Rows of λ and τ of one pass: complementarity of pressure and gap, and the law of friction.
+    """Constraints of one integration side: complementarity of λ and gap, and the friction law.
 
-    With ḡ* = ḡ − λ/ε and g* = g − (τ − τ_0)/ε_t (1/ε = 1/ε_t = 0 of an augmented Lagrangian, which
-    is then exact), τ_0 being τ at the start of the step, W the areas of the rows:
+    With ḡ* = ḡ − λ/ε and g* = g − (τ − τ_0)/ε_t (1/ε = 1/ε_t = 0 for an augmented Lagrangian, which
+    is then exact), τ_0 = τ at the start of the step, and the areas W of the constraints:
 
         R_λ = W/c_n ([λ + c_n ḡ*]₊ − λ),   R_τ = W/c_t (T(g, τ + c_t (g* − g), λ₊) − τ).
 
-    T is the law of friction, whose trial is the sum of its second argument and c_t g: for Coulomb
-    the projection of τ + c_t g* onto the ball of radius μ λ₊ (Hüeber, Stadler & Wohlmuth, 2008).
-    Of a law that jumps where rows open it is a part of that on the edge of contact, see ``fill``.
-    A law of the whole jump has R_λ = W (⟦u⟧ − λ/ε). Where conditions hold both sides, no gap can
-    be closed: there R_λ = W/c_n (λ̄ − λ), λ̄ being the mean of the nodes around while λ̄ + c_n ḡ > 0,
-    and else 0. At points see ``PointConstraints`` and ``PointFriction``.
-    All are functions of their arguments alone.
+    T is the friction law, whose trial is the sum of its second argument and c_t g. For Coulomb it
+    is the projection of τ + c_t g* onto the ball of radius μ λ₊ (Hüeber, Stadler & Wohlmuth, 2008).
+    For a law that is discontinuous where constraints become inactive, only a part of T is used on
+    the edge of contact, see ``fill``. A law of the whole relative displacement has R_λ = W (⟦u⟧ −
+    λ/ε). Where conditions constrain both sides, multipliers are redundant and cannot close a gap.
+    There, R_λ = W/c_n (λ̄ − λ), where λ̄ is the mean of the nodes around as long as λ̄ + c_n ḡ > 0,
+    and otherwise 0. For points see ``PointConstraints`` and ``PointFriction``. All methods depend
+    on their arguments only.
 
     Args:
         model: The contact.
-        gap: The pass.
+        gap: The integration side.
         slip: Its slip; None without friction.
     """
 
     def __init__(self, model: ContactModel, gap: WeightedGap, slip: Slip | None) -> None:
         self.model, self.gap, self.slip = model, gap, slip
-        #: Rows of λ where they are nodes' and their unknowns make forces; None of others.
+        #: Constraints of λ at nodes, whose unknowns are forces; None for others.
         self.nodal: NodalRows | None = None
-        #: Those whose gaps make forces themselves.
+        #: Constraints whose forces follow from gaps; None for others.
         self.condensed: CondensedRows | None = None
         if isinstance(gap.law, Conductance):
             self.condensed = CondensedRows(model, gap)
@@ -108,37 +109,37 @@ class ConstraintRows:
             self.condensed = CondensedRows(model, gap)
         normal = self.nodal or self.condensed
         assert normal is not None
-        #: Rows of λ.
+        #: Constraints of λ.
         self.normal: NormalRows = normal
-        #: Rows of τ where they are nodes'; None of others, and without friction.
+        #: Constraints of τ at nodes; None for others, and without friction.
         self.nodal_friction: FrictionRows | None = None
-        #: Those of points, whose slips make forces themselves.
+        #: Constraints of τ at points, whose forces follow from slips; None for others.
         self.condensed_friction: PointFriction | None = None
         if slip is not None and gap.rows.are_points:
             self.condensed_friction = PointFriction(model, slip)
         elif slip is not None:
             self.nodal_friction = FrictionRows(model, slip)
-        #: Rows of τ; None without friction.
+        #: Constraints of τ; None without friction.
         self.friction = self.nodal_friction or self.condensed_friction
 
     @property
     def num_rows(self) -> int:
-        """Rows of the gaps on this rank."""
+        """Number of constraints of the gaps on this rank."""
         return self.gap.num_rows
 
     @property
     def width(self) -> int:
-        """Components of λ."""
+        """Number of components of λ."""
         return int(self.gap.operator.width)
 
     @property
     def num_multipliers(self) -> int:
-        """Unknowns λ on this rank."""
+        """Number of unknowns λ on this rank."""
         return self.normal.num_multipliers
 
     @property
     def num_unknowns(self) -> int:
-        """Unknowns on this rank: those of λ, then those of τ."""
+        """Number of unknowns on this rank: those of λ, then those of τ."""
         return self.num_multipliers + self._num_tangential
 
     @property
@@ -146,7 +147,7 @@ class ConstraintRows:
         return 0 if self.friction is None else math.prod(self.friction.shape)
 
     def split(self, values: Array) -> Multipliers:
-        """λ and τ in an array of the unknowns."""
+        """Split an array of unknowns into λ and τ."""
         end, width = self.num_multipliers, self.width
         normal = values[:end].reshape(end // width, width)
         if self.friction is None:
@@ -156,7 +157,7 @@ class ConstraintRows:
     # --- Evaluation
 
     def first(self) -> Multipliers:
-        """What is known of λ and τ, where gaps were evaluated last. Collective."""
+        """First guess of λ and τ, at the last evaluation of the gaps. Collective."""
         tangential = None if self.friction is None else self.friction.first()
         return Multipliers(self.normal.first(), tangential)
 
@@ -168,15 +169,15 @@ class ConstraintRows:
         again: bool = False,
         sticks: bool = False,
     ) -> Evaluated:
-        """The constraints where gap and slip were evaluated last. Collective.
+        """Evaluate the constraints at the last evaluation of gap and slip. Collective.
 
         Args:
             at: λ and τ.
-            first: Whether what has λ > 0 counts as closed, and what is closed sticks, but where
-                it slipped when the step began.
-            opened: Rows that count as open; none by default.
-            again: Whether the step has been solved before, so that what has τ is what it seems.
-            sticks: Whether all that is closed sticks.
+            first: Whether constraints with λ > 0 count as active, and active constraints stick
+                unless they slipped when the step began.
+            opened: Constraints that count as inactive; none by default.
+            again: Whether the step has been solved before, so that τ shows the present slip state.
+            sticks: Whether all active constraints stick.
         """
         normal = self.normal.evaluate(at.normal, first, opened)
         if self.friction is None or at.tangential is None:
@@ -185,7 +186,7 @@ class ConstraintRows:
         return Evaluated(normal, tangential)
 
     def residual(self, at: Evaluated) -> Array:
-        """R_λ, then R_τ: area times length, (unknowns,). Collective."""
+        """Residuals R_λ, then R_τ: area times length, (unknowns,). Collective."""
         rows = self.normal.residual(at.normal).ravel()
         if self.friction is None or at.tangential is None:
             return np.asarray(rows)
@@ -193,7 +194,7 @@ class ConstraintRows:
 
     @property
     def in_forces(self) -> Array:
-        """What makes forces of the residual that are continuous where sets change."""
+        """Factors from the residual to forces that are continuous where active sets change."""
         normal = self.normal.in_forces()
         if self.friction is None:
             return normal
@@ -209,29 +210,29 @@ class ConstraintRows:
         return max(float(np.max(np.abs(stress), initial=0.0)) for stress in found)
 
     def open_gap(self, at: Evaluated) -> float:
-        """Gap (length) that multipliers are to close: the largest on this rank. Collective."""
+        """Largest gap (length) on this rank that multipliers have to close. Collective."""
         return self.normal.open_gap(at.normal)
 
     def keep(self, at: Evaluated) -> None:
-        """Let pass and slip know λ and τ. Collective."""
+        """Store λ and τ in gap and slip. Collective."""
         self.normal.keep(at.normal)
         if self.friction is not None and at.tangential is not None:
             self.friction.keep(at.tangential)
 
     def rounding(self) -> float:
-        """Stress that stands for gaps as large as coordinates: rounding is a part of it."""
+        """Stress of gaps as large as the coordinates: a part of it is rounding."""
         of_slip = 0.0 if self.friction is None else self.friction.rounding()
         return self._size * max(self.normal.rounding(), of_slip)
 
     @property
     def _size(self) -> float:
-        """The largest coordinate of the slave on this rank."""
+        """Largest coordinate of the slave on this rank."""
         return float(np.abs(self.gap.slave.mesh.geometry.x).max(initial=0.0))
 
     def forces_of_coordinates(self) -> Array:
-        """Forces at points of gaps as large as coordinates, between which they are found anew.
+        """Forces at points of gaps as large as coordinates, for gaps with updated geometry.
 
-        Rounding is a part of them; none where gaps are linear in the unknowns.
+        A part of them is rounding. The array is empty for gaps that are linear in the unknowns.
         """
         if self.gap.following is None or not isinstance(self.normal, CondensedRows):
             return np.zeros(0)
@@ -240,25 +241,25 @@ class ConstraintRows:
         return np.asarray(self._size * gamma * self.gap.weight)
 
     def rounded_forces(self, at: Evaluated) -> Array:
-        """What rounding of slips makes of forces at some rows of this rank."""
+        """Errors of forces due to rounding of slips, at some constraints of this rank."""
         if self.condensed_friction is None or at.tangential is None:
             return np.zeros(0)
         return self.condensed_friction.rounded_forces(at.tangential)
 
     @property
     def softness(self) -> float:
-        """Usual penalty over what gaps stand for in the stiffest body: the least on this rank."""
+        """Smallest ratio on this rank of usual penalty to stiffness of the stiffest body."""
         parts = [self.normal.scales]
         if self.friction is not None:
             parts.append(self.friction.scales)
         return min(float(np.min(1 / (of.softness * of.stiffest), initial=1.0)) for of in parts)
 
     def softened(self, at: Evaluated) -> Array:
-        """What the inexact derivative has on its diagonal to be regular, (unknowns,).
+        """Diagonal terms that make the inexact derivative regular, (unknowns,).
 
-        In that, friction with a limit takes the direction of the trial with that of τ, which does
-        not cycle at nodes, and closed rows are a little soft, so that redundant ones have one
-        solution. Collective.
+        In the inexact derivative, friction with a limit combines the direction of the trial with
+        that of τ, which avoids cycling at nodes. Active constraints are slightly compliant, so that
+        redundant multipliers have a unique solution. Collective.
         """
         normal = self.normal.softened(at.normal)
         if self.friction is None:

@@ -1,4 +1,4 @@
-"""The derivative of R(z) as one matrix, and without the bodies' own matrices."""
+"""The derivative of R(z) as one matrix, or without the matrices of the bodies."""
 
 from __future__ import annotations
 
@@ -30,17 +30,18 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Springs over the diagonal of the bodies' matrices that a second solve with the same factors takes
-#: back: they make matrices regular where conditions leave bodies a rigid motion.
+#: Stiffness of springs over the diagonal of the bodies' matrices that is corrected by a second
+#: solve with the same factors. These springs make matrices regular where conditions leave bodies a
+#: rigid motion.
 REGULAR = 1e-11
 
-#: What rows of a pass add that make forces themselves: derivatives, whose pattern stays while they
-#: do, and what adds them.
+#: Terms of constraints whose forces follow from gaps: their derivatives, which keep the pattern of
+#: the matrix as long as they exist, and a function that adds them.
 Product = tuple[GapMatrices, typing.Callable[[_cpp.RowSums], None]]
 
 
 def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
-    """Entries of rows of one component, times a vector at each row."""
+    """Entries of rows with one component, times a vector for each row."""
     return [
         Entries(own[of.row, k], of.column, factor[of.row, k] * of.value)
         for k in range(own.shape[1])
@@ -48,17 +49,17 @@ def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
 
 
 class Derivative:
-    """Of R(z), see ``Equations``: K of the bodies, and what contact and tools add.
+    """Derivative of R(z), see ``Equations``: K of the bodies, and terms of contact and tools.
 
     Args:
         system: The bodies and contacts.
-        passes: Passes of the contacts.
-        layout: Where their unknowns are.
-        tools: The driven tools.
+        passes: Integration sides of the contacts.
+        layout: Numbering of the unknowns.
+        tools: The force-controlled tools.
 
     Attributes:
         free_bodies: Numbers of the bodies that conditions leave some rigid motion.
-        softened: What the last inexact derivative has on its diagonal to be regular.
+        softened: Diagonal terms that make the last inexact derivative regular.
     """
 
     def __init__(
@@ -77,13 +78,13 @@ class Derivative:
     def of(
         self, at: State, exact: bool = True, shift: tuple[float, float] = (0.0, 0.0)
     ) -> PETSc.Mat:
-        """The derivative of R where the last evaluation was, an AIJ matrix that stays. Collective.
+        """Derivative of R at the last evaluation, an AIJ matrix owned by this object. Collective.
 
         Args:
-            at: That evaluation.
+            at: The last evaluation.
             exact: As for ``ConstraintRows.derivative``.
-            shift: Part of its magnitude that is added to the diagonal of bodies that conditions
-                leave some rigid motion, and of those that have no condition at all.
+            shift: Relative increase of the diagonal of bodies that conditions leave a rigid motion,
+                and of bodies without any condition.
         """
         self.softened = np.zeros(self._layout.num_local)
         with self._system.watch.stage("insertion"):
@@ -97,19 +98,19 @@ class Derivative:
         return self._whole.assemble(found)
 
     def beside_bodies(self, at: State) -> PETSc.Mat:
-        """The inexact derivative but for the bodies' own matrices. Collective.
+        """The inexact derivative without the matrices of the bodies. Collective.
 
         Args:
             at: The last evaluation.
 
         Returns:
-            An AIJ matrix by all unknowns that stays this object's.
+            An AIJ matrix on all unknowns, owned by this object.
         """
         with self._system.watch.stage("insertion"):
             return self._contact.assemble(*self._beside(at, False))
 
     def _beside(self, at: State, exact: bool) -> tuple[list[Entries], list[Product]]:
-        """Its entries, and products at rows that have more. Collective."""
+        """Entries of this matrix, and products for condensed constraints. Collective."""
         found = [*self._of_couplings(), *self._of_conductances()]
         products: list[Product] = []
         if self._tools.are_turning:
@@ -135,7 +136,7 @@ class Derivative:
     def _add_products(
         self, p: Pass, at: Evaluated, matrices: GapMatrices, sums: _cpp.RowSums
     ) -> None:
-        """Add what rows of a pass add that make forces themselves. Collective."""
+        """Add the terms of constraints whose forces follow from gaps. Collective."""
         of_friction = None if p.rows.condensed_friction is None else at.tangential
         matrices.add_to(sums, at.normal, of_friction)
         if p.gap.following is not None:
@@ -144,7 +145,7 @@ class Derivative:
     def _softened(
         self, rows: ConstraintRows, first: int, at: Evaluated, exact: bool
     ) -> list[Entries]:
-        """What makes the inexact derivative regular at points; zeros in the exact one."""
+        """Diagonal terms that make the inexact derivative regular at points; zeros if exact."""
         assert rows.condensed is not None
         soft = rows.condensed.softened(at.normal)
         if rows.condensed_friction is not None:
@@ -176,16 +177,16 @@ class Derivative:
         diagonal = np.arange(
             self._layout.start, self._layout.start + self._layout.num_local, dtype=np.int64
         )
-        # Every row has an entry on the diagonal, which direct solvers want.
+        # Every row has an entry on the diagonal, as direct solvers need.
         all_ = Entries(diagonal, diagonal, np.zeros(self._layout.num_local))
         return [all_, *(self._of_matrix(body.matrix(), i, i) for i, body in bodies)]
 
     def springs(self, parts: tuple[float, float]) -> Array:
-        """Springs of free bodies, no stiffer than the softest body, owned unknowns. Collective.
+        """Springs of unsupported bodies, not stiffer than the softest body. Collective.
 
         Args:
-            parts: Of the diagonal of bodies that conditions leave some rigid motion, and of those
-                that have no condition at all.
+            parts: Parts of the diagonal, for bodies that conditions leave a rigid motion, and for
+                bodies without any condition.
         """
         bodies, out = (
             self._system.bodies,
@@ -205,7 +206,7 @@ class Derivative:
         return out
 
     def _shift(self, parts: tuple[float, float]) -> list[Entries]:
-        """Springs of free bodies on the diagonal. Collective."""
+        """Entries of the springs of unsupported bodies on the diagonal. Collective."""
         values = self.springs(parts)
         rows = self._layout.start + np.arange(len(values), dtype=np.int64)
         self.softened[: len(values)] = np.minimum(values, self.springs((REGULAR, REGULAR)))
@@ -213,7 +214,7 @@ class Derivative:
         return [Entries(rows[keep], rows[keep], values[keep])]
 
     def _of_couplings(self) -> list[Entries]:
-        """What conductances add as they change. Collective."""
+        """Entries of variable conductances. Collective."""
         bodies, blocks = self._system.bodies, dict[tuple[int, int], PETSc.Mat]()
         for contact, sides in zip(self._system.contacts, self._system.sides, strict=True):
             if contact.coupling is None:
@@ -234,12 +235,12 @@ class Derivative:
         return found
 
     def _add_curvature(self, p: Pass, at: Evaluated, sums: _cpp.RowSums) -> None:
-        """Add Σ λ ∂²G, and how the forces of τ change with τ held, of gaps that follow. Collective.
+        """Add Σ λ ∂²G, and changes of forces at constant τ, for updated geometry. Collective.
 
         Args:
-            p: The pass.
+            p: The integration side.
             at: Its last evaluation.
-            sums: What is added to the matrix by all unknowns.
+            sums: Accumulates terms of the matrix on all unknowns.
         """
         assert isinstance(p.rows.condensed, PointConstraints)
         bodies = [i for i in p.bodies if i is not None]
@@ -250,11 +251,11 @@ class Derivative:
             p.gap.add_slip_curvature(at.tangential.traction, p.rows.condensed.moves, to)
 
     def _entries(self, operator: typing.Any, p: Pass, first: int, scaled: bool) -> Entries:
-        """Of G or J with its rows from a number on; by displacements or by the unknowns."""
+        """Entries of G or J with rows starting at a number, by displacements or by the unknowns."""
         return joined(self._of_sides(operator, p, scaled)).below(first)
 
     def _of_sides(self, operator: typing.Any, p: Pass, scaled: bool) -> list[Entries]:
-        """Those of each body, rows being numbers on this rank."""
+        """Entries of each body; rows are numbered on this rank."""
         numbers: list[Number] = [
             functools.partial(self._layout.numbers, i) for i in range(self._layout.num_bodies)
         ]
@@ -264,7 +265,7 @@ class Derivative:
     def _of_nodes(
         self, p: Pass, rows: NodalRows, at: Evaluated, exact: bool, own: Indices
     ) -> list[Entries]:
-        """Entries of λ of nodes. Collective."""
+        """Entries of nodal multipliers λ. Collective."""
         by_gap, by_own = rows.derivative(at.normal, exact)
         first = self._first_of(p)
         left, right = (self._entries(p.gap.operator, p, first, scaled) for scaled in (False, True))
@@ -282,7 +283,7 @@ class Derivative:
         return found
 
     def _of_conductances(self) -> list[Entries]:
-        """Entries of conductances by λ, where that is an unknown beside the field. Collective."""
+        """Entries of conductances by λ, if λ is an unknown together with the field. Collective."""
         found, contacts = [], zip(self._system.contacts, self._system.sides, strict=True)
         for contact, sides in contacts:
             of = None if contact.coupling is None else contact.coupling.of_bodies
@@ -296,7 +297,7 @@ class Derivative:
         return found
 
     def _by_multipliers(self, p: Pass, i: int, mat: PETSc.Mat) -> Entries:
-        """Entries of a matrix of body i's unknowns by λ̂ at the rows of a pass. Collective."""
+        """Entries of a matrix of body i's unknowns by multipliers of constraints. Collective."""
         first = mat.getOwnershipRange()[0]
         own = self._first_of(p) + np.arange(p.rows.num_multipliers)
         if p.rows.condensed is not None:
@@ -321,15 +322,15 @@ class Derivative:
         at: Normal | None = None,
         tangential: Tangential | None = None,
     ) -> GapMatrices:
-        """Derivatives that stay while gaps are linear and contact does not pair anew.
+        """Derivatives of gaps; constant while gaps are linear and contact pairs are not updated.
 
         Collective.
 
         Args:
-            p: The pass.
-            rows: Its rows.
-            own: Numbers of λ.
-            at: The rows at the last evaluation; None for what has been made there.
+            p: The integration side.
+            rows: Its constraints.
+            own: Numbers of the unknowns λ.
+            at: The constraints at the last evaluation; None to use existing derivatives.
             tangential: Friction at these points; None without.
         """
         turns = p.tool is not None and self._tools.are_turning
@@ -353,7 +354,7 @@ class Derivative:
         return self._of_gaps[p.rows]
 
     def _gaps_of(self, p: Pass, rows: CondensedRows) -> tuple[Gaps, Gaps]:
-        """What pressures work on, and what gaps change by. Collective."""
+        """Gap operators for the work of pressures, and for the change of gaps. Collective."""
         tool = p.tool is not None
         works = self._gaps(p, p.gap.operator, self._tools.changes(p)[0] if tool else None)
         if rows.far or p.gap.following is None:
@@ -371,7 +372,7 @@ class Derivative:
         friction: PointFriction,
         tangential: Tangential | None,
     ) -> tuple[Gaps, Gaps] | None:
-        """The same of tractions and slips. Collective."""
+        """Slip operators for the work of tractions, and for the change of slips. Collective."""
         slip, by_tool = p.slip, None if p.tool is None else self._tools.changes(p)[1]
         if slip is None:
             return None
@@ -386,7 +387,7 @@ class Derivative:
     def _beside_facets(
         self, p: Pass, found: tuple[int, PETSc.Mat] | None
     ) -> _cpp.CompressedRows | None:
-        """``Changes.beside`` in numbers of all unknowns. Collective."""
+        """Convert ``Changes.beside`` to the numbering of all unknowns. Collective."""
         if found is None:
             return None
         body = p.bodies[found[0]]
@@ -400,7 +401,7 @@ class Derivative:
     def _moving(
         self, p: Pass, rows: CondensedRows, at: Normal | None, tangential: Tangential | None
     ) -> list[tuple[int, Moving]]:
-        """How λ_h and τ_h move along facets at the last evaluation, by component. Collective."""
+        """Changes of λ_h and τ_h by motion along facets, for each component. Collective."""
         if at is None or not isinstance(rows, PointConstraints):
             return []
         found, friction = rows.moving(at), p.rows.condensed_friction
@@ -411,7 +412,7 @@ class Derivative:
         return out
 
     def _moved(self, p: Pass, found: MovingFunctions) -> Moving:
-        """Of one function of the nodes. Collective."""
+        """Change of one nodal function by motion along facets. Collective."""
         mixed = []
         for (side, unknown, value), body in zip(found.mixed, p.bodies, strict=False):
             assert body is not None
@@ -421,11 +422,11 @@ class Derivative:
         return Moving(self._gaps(p, found.operator, of_tool), joined(mixed))
 
     def _first_of(self, p: Pass) -> int:
-        """Number in z of a pass' first unknown on this rank."""
+        """Number in z of the first unknown of an integration side on this rank."""
         return self._layout.first_of_pass(self._passes.index(p))
 
     def _gaps(self, p: Pass, operator: _cpp.GapOperator, change: Array | None) -> Gaps:
-        """Of an operator at the rows of a pass, and how a driven tool changes them."""
+        """Gaps of an operator at the constraints, and their change by a force-controlled tool."""
         bodies = [i for i in p.bodies[: operator.num_sides] if i is not None]
         numbers = [self._layout.numbers(i, operator.columns(k)) for k, i in enumerate(bodies)]
         of_tool = None
@@ -439,7 +440,7 @@ class Derivative:
     def _with_tool(
         self, p: Pass, own: Indices, weight: Array, by_gap: Array, change: Array
     ) -> list[Entries]:
-        """Entries of a driven tool and of multipliers."""
+        """Entries that couple a force-controlled tool with multipliers."""
         assert p.tool is not None
         tool = np.full(len(own), self._layout.of_tool(p.tool))
         return [
@@ -453,11 +454,11 @@ class Derivative:
         """Entries of τ. Collective.
 
         Args:
-            p: The pass.
+            p: The integration side.
             at: Its constraints.
             by: Derivatives of R_τ.
-            normal: Numbers of λ.
-            first: Of τ.
+            normal: Numbers of the unknowns λ.
+            first: Number of the first unknown τ.
         """
         assert p.slip is not None
         num, gdim = p.slip.operator.num_rows, p.gap.slave.gdim
@@ -468,7 +469,7 @@ class Derivative:
         by_slip = by.by_slip @ p.slip.projector
         rows = J.row // gdim, J.row % gdim
         found = [Entries(row.ravel(), column.ravel(), by.by_own.ravel())]
-        for k in range(gdim):  # D J, a component of the rows after the other
+        for k in range(gdim):  # D J, one component of the rows after the other
             found.append(Entries(own[rows[0], k], J.column, by_slip[rows[0], k, rows[1]] * J.value))
         found += self._of_pressure(p, at, by, normal, own)
         for k, works in enumerate(self._works_on(p)):
@@ -489,7 +490,7 @@ class Derivative:
     def _of_pressure(
         self, p: Pass, at: Evaluated, by: OfTangential, normal: Indices, own: Indices
     ) -> list[Entries]:
-        """Entries of τ by what its limit depends on: pressures, and y_n. Collective."""
+        """Entries of τ by the arguments of its limit: pressures, and y_n. Collective."""
         assert p.slip is not None
         if p.rows.condensed is not None:
             matrices, found = self._matrices(p, p.rows.condensed, normal), []
@@ -514,7 +515,7 @@ class Derivative:
         return [*found, Entries(own.ravel(), pressure.ravel(), by_multiplier.ravel())]
 
     def _works_on(self, p: Pass) -> list[Entries]:
-        """What each component of the tangential force works on, over the weight. Collective."""
+        """Operator of the work of each tangential force component, over the weight. Collective."""
         assert p.slip is not None
         gdim = p.gap.slave.gdim
         J = self._entries(p.slip.operator, p, 0, False)
@@ -525,7 +526,7 @@ class Derivative:
         return out
 
     def forget_gaps(self) -> None:
-        """Free derivatives of gaps. Collective."""
+        """Delete the derivatives of gaps. Collective."""
         for matrices in self._of_gaps.values():
             matrices.destroy()
         self._of_gaps = {}
@@ -538,7 +539,7 @@ class Derivative:
 
 
 class _Added:
-    """Matrix of entries and products, whose pattern stays while these are at the same places."""
+    """Matrix of entries and products, whose pattern is kept while their positions are the same."""
 
     def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
         self._comm, self._size = comm, layout.num_local
@@ -548,7 +549,7 @@ class _Added:
     def assemble(
         self, found: typing.Sequence[Entries], products: typing.Sequence[Product]
     ) -> PETSc.Mat:
-        """Take these, some perhaps of rows of other ranks. Collective."""
+        """Assemble these terms; some may be in rows of other ranks. Collective."""
         row, column, value = joined(found)
         places = _digest(row, column)
         made = [of for of, _ in products]
@@ -570,14 +571,14 @@ class _Added:
         return self._matrix
 
     def destroy(self) -> None:
-        """Free it. Collective."""
+        """Free the matrix. Collective."""
         if self._matrix is not None:
             self._matrix.destroy()
         self._matrix, self._places, self._made = None, b"", []
 
 
 class _Placed:
-    """Matrix of entries by all unknowns, whose pattern stays while they are at the same places."""
+    """Matrix of entries on all unknowns, whose pattern is kept while positions are the same."""
 
     def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
         self._comm, self._size = comm, (layout.num_local, layout.size)
@@ -585,7 +586,7 @@ class _Placed:
         self._places = b""
 
     def assemble(self, found: typing.Sequence[Entries]) -> PETSc.Mat:
-        """Take these entries, some perhaps of rows of other ranks. Collective."""
+        """Assemble these entries; some may be in rows of other ranks. Collective."""
         row, column, value = joined(found)
         keep = (row >= 0) & (column >= 0)
         row, column, value = row[keep], column[keep], value[keep]
@@ -605,7 +606,7 @@ class _Placed:
         _cpp.set_places(self._matrix.handle, row, column)
 
     def destroy(self) -> None:
-        """Free it. Collective."""
+        """Free the matrix. Collective."""
         if self._matrix is not None:
             self._matrix.destroy()
         self._matrix, self._places = None, b""

@@ -1,4 +1,4 @@
-"""Rigid tools that forces or moments drive: how rows change with them, and their balance."""
+"""Force-controlled rigid tools: derivatives of constraints by their motion, and equilibrium."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Array = npt.NDArray[np.float64]
 
 
 class DrivenTools:
-    """R_s = Σ W λ ∂ḡ/∂s + Σ W τ ∂g/∂s − force of each tool, see ``Equations``.
+    """Equilibrium R_s = Σ W λ ∂ḡ/∂s + Σ W τ ∂g/∂s − force of each tool, see ``Equations``.
 
     Args:
         tools: The tools, in the order of s.
-        passes: Passes of the contacts.
+        passes: Integration sides of the contacts.
         comm: The communicator.
     """
 
@@ -36,28 +36,28 @@ class DrivenTools:
         self.restart()
 
     def restart(self) -> None:
-        """Count displacements from where they are now."""
+        """Measure displacements of the tools from their present positions."""
         self._starts = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
 
     def move(self, displacements: Array) -> None:
-        """Move them by these displacements (length) from where they started. Collective."""
+        """Move the tools by displacements (length) from their start positions. Collective."""
         for tool, start, s in zip(self.tools, self._starts, displacements, strict=True):
             tool.move_driven(start, s)
         for contact in {id(p.model): p.model for p in self._passes if p.tool is not None}.values():
             motion.move_tool(contact)
 
     def changes(self, p: Pass) -> tuple[Array, Array | None]:
-        """∂ḡ/∂s and ∂g/∂s of the rows of a pass with a driven tool. Collective."""
+        """Derivatives ∂ḡ/∂s and ∂g/∂s of constraints with a force-controlled tool. Collective."""
         assert p.tool is not None
         return self._moved_by(p, self.tools[p.tool].driven_motion)
 
     def _moved_by(self, p: Pass, field: Affine) -> tuple[Array, Array | None]:
-        """How the rows of a pass change when the tool moves by a field. Collective."""
+        """Change of gaps and slips when the tool moves by a field. Collective."""
         slip = None if p.slip is None else p.slip.tangential(p.slip.change(field))
         return p.gap.change(field), slip
 
     def residual(self, passes: typing.Sequence[Evaluated]) -> Array:
-        """R_s on all ranks. Collective."""
+        """Residual R_s on all ranks. Collective."""
         if not self.tools:
             return np.zeros(0)
         out = self._work_of([tool.driven_motion for tool in self.tools], passes)
@@ -67,7 +67,7 @@ class DrivenTools:
     def _work_of(
         self, fields: typing.Sequence[Affine | None], passes: typing.Sequence[Evaluated]
     ) -> Array:
-        """Of the tractions where each tool moves by a field, on all ranks. Collective."""
+        """Work of the tractions when each tool moves by a field, on all ranks. Collective."""
         out = np.zeros(len(self.tools))
         for p, e in zip(self._passes, passes, strict=True):
             field = None if p.tool is None else fields[p.tool]
@@ -83,22 +83,22 @@ class DrivenTools:
 
     @property
     def are_turning(self) -> bool:
-        """Whether a moment drives a tool: what its rows change by changes with its angle."""
+        """Whether a moment drives a tool: its constraints' derivatives then vary with its angle."""
         return any(tool.driven is not None and tool.driven.turns for tool in self.tools)
 
     def turned(self, at: State) -> Array:
-        """∂R_s/∂s at given tractions, of tools that turn, on all ranks. Collective."""
+        """Derivative ∂R_s/∂s at given tractions, for rotating tools, on all ranks. Collective."""
         if not self.are_turning:
             return np.zeros(len(self.tools))
         return self._work_of([tool.driven_curvature for tool in self.tools], at.passes)
 
     def moved_gaps(self, p: Pass, operator: _cpp.GapOperator) -> Array:
-        """How gaps change when a driven tool moves, (rows, 1), by an operator. Collective."""
+        """Change of an operator's gaps by motion of a controlled tool, (rows, 1). Collective."""
         assert p.tool is not None
         return p.gap.change(self.tools[p.tool].driven_motion, operator)
 
     def moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
-        """How λ_h changes at the rows when a driven tool moves, (rows, 1). Collective."""
+        """Change of λ_h when a force-controlled tool moves, (rows, 1). Collective."""
         assert p.tool is not None
         r = affine_vec(p.gap.slave, self.tools[p.tool].driven_motion)
         out = -found.operator.apply(r.handle, 0)

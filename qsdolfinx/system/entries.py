@@ -1,4 +1,4 @@
-"""Entries of matrices, in any order, and a matrix of them."""
+"""Entries of matrices, in any order, and assembly of a matrix from them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Indices = npt.NDArray[np.int64]
 
 
 class Entries(typing.NamedTuple):
-    """Entries of a matrix in rows of this rank; those at a place are added up.
+    """Entries of a matrix in rows of this rank; entries at the same position are added.
 
     Attributes:
         row: Numbers of rows.
-        column: Of columns; those that are negative are none.
+        column: Numbers of columns; entries with negative numbers are ignored.
         value: The entries.
     """
 
@@ -27,20 +27,20 @@ class Entries(typing.NamedTuple):
     value: Array
 
     def matrix(self, num_rows: int, num_columns: int, comm: typing.Any) -> PETSc.Mat:
-        """AIJ matrix of these numbers of rows and columns on this rank. Collective."""
+        """AIJ matrix with given numbers of rows and columns on this rank. Collective."""
         return matrix_of([self], num_rows, num_columns, comm)
 
     def scaled(self, factor: float | Array) -> Entries:
-        """The entries times a factor, or one for each of them."""
+        """Entries times a factor, or times one factor for each entry."""
         return self._replace(value=factor * self.value)
 
     def below(self, first: int) -> Entries:
-        """The same in rows from another one on."""
+        """Entries with row numbers increased by ``first``."""
         return self._replace(row=first + self.row)
 
 
 def joined(parts: typing.Sequence[Entries]) -> Entries:
-    """All entries."""
+    """Join lists of entries."""
     none = Entries(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     return Entries(*(np.concatenate(arrays) for arrays in zip(none, *parts, strict=True)))
 
@@ -48,12 +48,12 @@ def joined(parts: typing.Sequence[Entries]) -> Entries:
 def matrix_of(
     parts: typing.Sequence[Entries], num_rows: int, num_columns: int, comm: typing.Any
 ) -> PETSc.Mat:
-    """AIJ matrix of all these entries, filled part by part. Collective.
+    """Assemble an AIJ matrix from entries, part by part. Collective.
 
     Args:
-        parts: Rows are numbers on this rank, columns are global.
-        num_rows: On this rank.
-        num_columns: On this rank.
+        parts: Entries; rows are numbered on this rank, columns globally.
+        num_rows: Number of rows on this rank.
+        num_columns: Number of columns on this rank.
         comm: The communicator.
     """
     first = (comm.tompi4py() if isinstance(comm, PETSc.Comm) else comm).exscan(num_columns) or 0
@@ -66,7 +66,8 @@ def matrix_of(
     sizes = (num_rows, PETSc.DETERMINE), (num_columns, PETSc.DETERMINE)
     counts[0] = np.minimum(counts[0], num_columns)
     mat: PETSc.Mat = PETSc.Mat().createAIJ(sizes, nnz=tuple(counts), comm=comm)
-    # As on ranks without rows, where petsc4py passes no counts: assembly waits for all otherwise.
+    # Set the same options as on ranks without rows, where petsc4py passes no counts. Otherwise,
+    # assembly waits for all ranks.
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     mat.setOption(PETSc.Mat.Option.NO_OFF_PROC_ENTRIES, True)
     for part in parts:
@@ -81,12 +82,12 @@ def matrix_of(
 
 
 def local_entries(mat: PETSc.Mat) -> Entries:
-    """Entries of a matrix, numbers in rows being those of this rank."""
+    """Entries of a matrix; rows are numbered on this rank."""
     starts, columns, values = mat.getValuesCSR()
     row = np.arange(len(starts) - 1, dtype=PETSc.IntType)
     return Entries(np.repeat(row, np.diff(starts)), columns, values)
 
 
 def global_entries(mat: PETSc.Mat) -> Entries:
-    """Entries of this rank's rows, all numbers global."""
+    """Entries in rows of this rank, with global numbers."""
     return local_entries(mat).below(mat.getOwnershipRange()[0])

@@ -28,7 +28,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-#: Residual over contact forces from which on unknowns are no solution.
+#: Residual over contact forces above which unknowns do not count as a solution.
 UNBALANCED = 1e-3
 
 
@@ -94,7 +94,7 @@ class Equations:
         self._at: State | None = None
 
     def _number_of(self, contact: ContactModel) -> int | None:
-        """Number of the driven tool of a contact, added if it is new."""
+        """Number of the force-controlled tool of a contact; a new tool is added."""
         tool = as_tool(contact.master)
         if tool is None or tool.driven is None:
             return None
@@ -135,7 +135,7 @@ class Equations:
         return [p.rows.split(self.layout.part(z, first + i)) for i, p in enumerate(self.passes)]
 
     def displacements(self, z: Array) -> Array:
-        """Displacement (length) of each driven tool since the start, on all ranks. Collective."""
+        """Displacement (length) of each force-controlled tool, on all ranks. Collective."""
         out = np.zeros(len(self.tools))
         if self.system.comm.rank == 0:
             out[:] = z[self.layout.ends[-2] :]
@@ -166,10 +166,10 @@ class Equations:
         return self.join(x, [p.rows.first() for p in self.passes], np.zeros(len(self.tools)))
 
     def unknowns_of(self, arrays: typing.Sequence[Array]) -> Array:
-        """Owned unknowns of all bodies, with conditions in place if they are linear.
+        """Owned unknowns of all bodies; for linear bodies with the values of conditions.
 
         Args:
-            arrays: Of each body, ghosts included.
+            arrays: Unknowns of each body, ghosts included.
         """
         parts = []
         for body, array in zip(self.system.bodies, arrays, strict=True):
@@ -189,7 +189,7 @@ class Equations:
             ValueError, RuntimeError: As :meth:`residual`.
 
         Warns:
-            ContactWarning: If forces are not balanced there.
+            ContactWarning: If forces are not balanced at z.
         """
         z = self._checked(z)
         self._at = None
@@ -231,11 +231,11 @@ class Equations:
         return self.residual_of(self.evaluate(z))
 
     def _checked(self, z: typing.Any) -> Array:
-        """Unknowns of the caller's. Collective."""
+        """Check unknowns given by the caller. Collective."""
         with checked(self.system.comm):
             if not self.is_current:
                 raise RuntimeError(
-                    "contacts have paired since these equations were made: get new equations from "
+                    "contact pairs were updated since these equations were made: get new ones from "
                     "problem.equations()"
                 )
             values = np.asarray(z)
@@ -246,7 +246,7 @@ class Equations:
         return np.array(values, dtype=np.float64)
 
     def residual_of(self, at: State) -> Array:
-        """R where it was evaluated."""
+        """Residual R of an evaluation."""
         parts = [self.forces_of(at), at.constraints]
         if self.system.comm.rank == 0:
             parts.append(at.tools)
@@ -269,7 +269,7 @@ class Equations:
         return out
 
     def forces_of(self, at: State) -> Array:
-        """R_u where it was evaluated."""
+        """Residual R_u of an evaluation."""
         out = at.bulk.copy()
         for i, body in enumerate(self.system.bodies):
             part, forces = self.part(out, i), self.part(at.contact, i)
@@ -328,7 +328,7 @@ class Equations:
         return at
 
     def _tell_conductances(self, multipliers: typing.Sequence[Multipliers]) -> None:
-        """Let conductances that follow pressures know those of λ. Collective."""
+        """Set the pressures λ of contacts on which conductances depend. Collective."""
         followed = [c.coupling.of_bodies for c in self.system.contacts if c.coupling is not None]
         for p, values in zip(self.passes, multipliers, strict=True):
             if any(p.model is of for of in followed):

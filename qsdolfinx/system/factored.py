@@ -1,4 +1,4 @@
-"""Matrices of contact beside those of bodies: a product of thin factors, or formed."""
+"""Contact matrices, separate from those of bodies: a product of thin factors, or assembled."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ class Beside(typing.Protocol):
         """Local and global numbers of rows and columns, as PETSc has them."""
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += C x. Collective."""
+        """Add y += C x. Collective."""
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += Cᵀ x. Collective."""
+        """Add y += Cᵀ x. Collective."""
 
     def diagonal(self) -> PETSc.Vec:
-        """New vector. Collective."""
+        """New vector with the diagonal of C. Collective."""
 
     def coarse(self, P: PETSc.Mat) -> Coarse:
-        """Pᵀ C P, which can follow C. Collective."""
+        """Coarse matrix Pᵀ C P, which can be updated after changes of C. Collective."""
 
     def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Beside:
-        """Rows and columns at some places, rows times a scale. Collective."""
+        """Matrix of selected rows and columns, with scaled rows. Collective."""
 
     def follow(self) -> None:
-        """Take in what has changed in the matrix that this is restricted from. Collective."""
+        """Update to changes of the matrix of which this is a restriction. Collective."""
 
     def formed(self) -> PETSc.Mat:
         """New AIJ matrix, with the same pattern each time. Collective."""
@@ -50,26 +50,26 @@ class Coarse(typing.Protocol):
     matrix: PETSc.Mat
 
     def update(self) -> None:
-        """Follow C. Collective."""
+        """Update to changes of C. Collective."""
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
 
 
 class Factored:
-    """C = Lᵀ W R: L has the gaps of all rows as functions of the unknowns, W their stiffness.
+    """C = Lᵀ W R: L gives the gaps of all constraints for the unknowns, W is their stiffness.
 
-    A slave node on a finer master couples all nodes under it with each other: the product has many
+    A slave node on a finer master couples all opposite nodes with each other: the product has many
     more entries than its factors.
 
     Args:
-        left: L, rows of gaps by unknowns.
-        weights: W, of few entries in each row, which change.
-        right: R, L with its columns times the displacement per unknown.
-        squares: L and R multiplied entry by entry.
-        mixed: For rows of W with an entry beside the diagonal that others of C's diagonal come
-            from: L of the row and R of the entry's column, entry by entry.
-        beside: These entries of W, which change.
+        left: L, gaps by unknowns.
+        weights: W, with few entries in each row; the values change.
+        right: R, which is L with columns multiplied by the displacement per unknown.
+        squares: Entrywise product of L and R.
+        mixed: For rows of W with an off-diagonal entry that contributes to the diagonal of C:
+            entrywise product of L in this row and R in the column of the entry.
+        beside: These entries of W; the values change.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Factored:
         self.left, self.weights, self.right = left, weights, right
         self._squares, self._mixed, self._beside = squares, mixed, beside
         self._gaps, self._forces = left.createVecLeft(), left.createVecLeft()
-        #: What is this one's own, and freed with it.
+        #: Objects owned by this one, and freed with it.
         self.own: list[PETSc.Object] = []
 
     def getSizes(self) -> typing.Any:
@@ -93,19 +93,19 @@ class Factored:
         return (self.left.getSizes()[1], self.right.getSizes()[1])
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += C x. Collective."""
+        """Add y += C x. Collective."""
         self.right.mult(x, self._gaps)
         self.weights.mult(self._gaps, self._forces)
         self.left.multTransposeAdd(self._forces, y, y)
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += Cᵀ x. Collective."""
+        """Add y += Cᵀ x. Collective."""
         self.left.mult(x, self._gaps)
         self.weights.multTranspose(self._gaps, self._forces)
         self.right.multTransposeAdd(self._forces, y, y)
 
     def diagonal(self) -> PETSc.Vec:
-        """New vector. Collective."""
+        """New vector with the diagonal of C. Collective."""
         out = self.left.createVecRight()
         self.weights.getDiagonal(self._gaps)
         self._squares.multTranspose(self._gaps, out)
@@ -113,11 +113,11 @@ class Factored:
         return out
 
     def coarse(self, P: PETSc.Mat) -> CoarseFactored:
-        """Pᵀ C P, which can follow C. Collective."""
+        """Coarse matrix Pᵀ C P, which can be updated after changes of C. Collective."""
         return CoarseFactored(self, P)
 
     def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Factored:
-        """Rows and columns at some places, rows times a scale. Collective."""
+        """Matrix of selected rows and columns, with scaled rows. Collective."""
         first, last = self.left.getOwnershipRange()
         rows = PETSc.IS().createStride(last - first, first, 1, comm=self.comm)
         parts = (self.left, self.right, self._squares, self._mixed)
@@ -130,7 +130,7 @@ class Factored:
         return out
 
     def follow(self) -> None:
-        """W is that of the other."""
+        """Do nothing: W is shared with the original matrix."""
 
     def formed(self) -> PETSc.Mat:
         """New AIJ matrix, with the same pattern each time. Collective."""
@@ -150,7 +150,7 @@ class CoarseFactored:
 
     Args:
         fine: C.
-        P: From coarse unknowns to those of C.
+        P: Prolongation from coarse unknowns to those of C.
     """
 
     def __init__(self, fine: Factored, P: PETSc.Mat) -> None:
@@ -161,7 +161,7 @@ class CoarseFactored:
         self.matrix: PETSc.Mat = self._left.transposeMatMult(self._half)
 
     def update(self) -> None:
-        """Follow C. Collective."""
+        """Update to changes of C. Collective."""
         self._weights.matMult(self._right, self._half)
         self._left.transposeMatMult(self._half, self.matrix)
 
@@ -187,12 +187,12 @@ class Formed:
         return self.matrix.getSizes()
 
     def replace(self, matrix: PETSc.Mat) -> None:
-        """Take another matrix, of any pattern, in the place of this one. Collective."""
+        """Replace the matrix by another one, with any pattern. Collective."""
         self.matrix.destroy()
         self.matrix = matrix
 
     def take(self, matrix: PETSc.Mat) -> bool:
-        """Take another matrix, which becomes this object's; whether its pattern is the same.
+        """Take over another matrix, and return whether its pattern is the same.
 
         Collective.
         """
@@ -206,30 +206,30 @@ class Formed:
         return True
 
     def add_product(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += C x. Collective."""
+        """Add y += C x. Collective."""
         self.matrix.multAdd(x, y, y)
 
     def add_transposed(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y += Cᵀ x. Collective."""
+        """Add y += Cᵀ x. Collective."""
         self.matrix.multTransposeAdd(x, y, y)
 
     def diagonal(self) -> PETSc.Vec:
-        """New vector. Collective."""
+        """New vector with the diagonal of C. Collective."""
         return self.matrix.getDiagonal()
 
     def coarse(self, P: PETSc.Mat) -> CoarseFormed:
-        """Pᵀ C P, which can follow C. Collective."""
+        """Coarse matrix Pᵀ C P, which can be updated after changes of C. Collective."""
         return CoarseFormed(self.matrix, P)
 
     def restricted(self, places: PETSc.IS, scale: PETSc.Vec) -> Formed:
-        """Rows and columns at some places, rows times a scale. Collective."""
+        """Matrix of selected rows and columns, with scaled rows. Collective."""
         out = Formed(self.matrix.createSubMatrix(places, places))
         out._of = self.matrix, places, scale
         out.matrix.diagonalScale(scale, None)
         return out
 
     def follow(self) -> None:
-        """Take in what has changed in the matrix that this is restricted from. Collective."""
+        """Update to changes of the matrix of which this is a restriction. Collective."""
         if self._of is not None:
             matrix, places, scale = self._of
             matrix.createSubMatrix(places, places, submat=self.matrix)
@@ -245,11 +245,11 @@ class Formed:
 
 
 class CoarseFormed:
-    """Pᵀ C P of a matrix that is formed.
+    """Pᵀ C P of an assembled matrix C.
 
     Args:
         fine: C.
-        P: From coarse unknowns to those of C.
+        P: Prolongation from coarse unknowns to those of C.
     """
 
     def __init__(self, fine: PETSc.Mat, P: PETSc.Mat) -> None:
@@ -257,7 +257,7 @@ class CoarseFormed:
         self.matrix: PETSc.Mat = fine.ptap(P)
 
     def update(self) -> None:
-        """Follow C. Collective."""
+        """Update to changes of C. Collective."""
         self._fine.ptap(self._P, self.matrix)
 
     def destroy(self) -> None:

@@ -1,4 +1,4 @@
-"""Contact's part of the tangent in factors: gaps of all rows, and their stiffness."""
+"""Contact part of the tangent in factors: gaps of all constraints, and their stiffness."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from qsdolfinx.system.numbering import numbering
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-#: Numbers in a larger system of global unknowns of a body; -1 stays.
+#: Converts global unknowns of a body to numbers in a larger system; -1 stays -1.
 Number = typing.Callable[[Indices], Indices]
 
 
 class ContactFactors:
-    """Lᵀ W R of all contacts: L stays while contact does not pair anew, W follows their state.
+    """Lᵀ W R of all contacts: L is constant until contact pairs are updated, W varies.
 
-    A pass has a row for each of its gaps, a slip one for each component of each of its jumps; the
-    rows of a slip follow those of its pass.
+    An integration side has a row for each of its gaps. A slip has a row for each component of each
+    relative displacement. The rows of a slip follow those of its integration side.
 
     Args:
         contacts: Contacts with the penalty already known, all with ``terms.has_factors``.
@@ -79,7 +79,7 @@ class ContactFactors:
         self.product.own = [*own.values(), self._beside]
 
     def _pattern(self, first: int) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-        """Rows of W in compressed form: global columns, ascending."""
+        """Pattern of W in compressed row form: global columns, ascending."""
         counts, columns = [np.zeros(1, np.int64)], [np.zeros(0, np.int64)]
         for part, start in zip(self._parts, self._starts, strict=False):
             of_rows = np.arange(start, start + part.num_rows)[:, None]
@@ -98,15 +98,15 @@ class ContactFactors:
         return pointer.astype(np.int32), (first + np.concatenate(columns)).astype(np.int32)
 
     def _pass_of(self, slip: Slip) -> int:
-        """Part whose rows the pressure of a slip is at."""
+        """Part with the pressures of a slip."""
         return next(i for i, part in enumerate(self._parts) if part.of is slip.gap)
 
     def update(self) -> None:
-        """Follow the contacts. Collective."""
+        """Update the weights to the present contacts. Collective."""
         self.set([pair for contact in self._contacts for pair in terms.gaps_and_slips(contact)])
 
     def set(self, given: typing.Sequence[tuple[WeightedGap | Slip, terms.Weights]]) -> None:
-        """Take these stiffnesses of passes and slips. Collective."""
+        """Set the stiffness of gaps and slips. Collective."""
         found = {id(of): stiffness for of, stiffness in given}
         values, beside = [np.zeros(0)], [np.zeros(0)]
         for part in self._parts:
@@ -131,7 +131,7 @@ class ContactFactors:
 
 
 def _in_order(contact: ContactModel) -> list[WeightedGap | Slip]:
-    """Passes, each with its slip behind it."""
+    """Gaps, each followed by its slip."""
     out: list[WeightedGap | Slip] = []
     for j, gap in enumerate(contact.gaps):
         out += [gap, *contact.slips[j : j + 1]]
@@ -139,12 +139,12 @@ def _in_order(contact: ContactModel) -> list[WeightedGap | Slip]:
 
 
 class _Part:
-    """Rows of a pass or of a slip.
+    """Rows of a gap or of a slip.
 
     Args:
         contact: Its contact.
         side: Bodies of the contact.
-        of: The pass or slip.
+        of: The gap or slip.
         numbers: Numbers of the bodies' unknowns.
     """
 
@@ -159,13 +159,13 @@ class _Part:
         gap = of.gap if isinstance(of, Slip) else of
         bodies = side if gap.slave is contact.slave else side[::-1]
         sided = _sides(of.operator, bodies, numbers)
-        #: Components of each gap, number of gaps, and of rows.
+        #: Number of components of each gap, of gaps, and of rows.
         self.width, self.num_gaps = of.operator.width, of.operator.num_rows
         self.num_rows = self.width * self.num_gaps
-        #: Of L, and with their squares.
+        #: Entries of L, and their squares.
         self.entries = joined(sided)
         self.squares = self.entries._replace(value=self.entries.value**2)
-        #: Products of the entries of a slip with those of its pass; none of a pass.
+        #: Products of the entries of a slip with those of its gap; empty for a gap.
         self.mixed = joined([])
         if isinstance(of, Slip):
             normal = _sides(of.gap.operator, bodies, numbers)
@@ -178,7 +178,7 @@ def _sides(
     bodies: typing.Sequence[int | None],
     numbers: typing.Sequence[Number],
 ) -> list[Entries]:
-    """Entries of both sides, of jumps with a row for each component."""
+    """Entries of both sides; relative displacements have a row for each component."""
     out = []
     for k, body in enumerate(bodies[: operator.num_sides]):
         assert body is not None
@@ -186,7 +186,7 @@ def _sides(
         unknowns = numbers[body](operator.columns(k)).astype(PETSc.IntType)[column]
         gap = np.arange(operator.num_rows * operator.width, dtype=PETSc.IntType)
         row = np.repeat(gap.reshape(-1, operator.width), np.diff(offset), axis=0)
-        if operator.turns:  # each component has columns of all unknowns of a node
+        if operator.turns:  # each component has entries for all unknowns of a node
             row, width = np.repeat(row, operator.width, axis=1), operator.width
             unknowns = np.tile(unknowns, (1, width))
         shape = unknowns.shape
@@ -208,6 +208,6 @@ def entries_of(
 
 
 def _stacked(parts: typing.Sequence[Entries], starts: Indices) -> Entries:
-    """All entries, rows one part below the other."""
+    """All entries, with the rows of the parts stacked."""
     pairs = zip(parts, starts, strict=False)
     return joined([part.below(int(start)) for part, start in pairs])

@@ -1,4 +1,4 @@
-"""Bodies that nothing holds along a rigid motion: how to factorise their tangent nevertheless."""
+"""Regularise the tangent of unsupported rigid bodies, so that it can be factorised."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from qsdolfinx.system.tangent import Tangent
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: What is added to the diagonal of the tangent, relative to its mean.
+#: Value added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9
 
-#: Stiffness of a motion, relative to that with every contact closed, that counts as none.
+#: Stiffness of a motion that counts as zero, relative to that with every contact active.
 _NONE = 1e-10
 
 
 class Hold:
-    """Adds a little to the diagonal of bodies which can move as if rigid, in the tangent alone.
+    """Add a small value to the diagonal of bodies with a free rigid motion, only in the tangent.
 
-    A workpiece between frictionless dies can slide; neither Dirichlet conditions nor closed
-    contacts resist. Where such a motion exists, Newton's method becomes the proximal point method
-    for it: the residual is left as it is, so that the solution does not depend on what is added,
-    and of the motions that equilibrium leaves open it takes the one next to the first guess. In one
-    AIJ matrix of linear bodies it adds up over the iterations, away from contact: the matrix is the
-    better conditioned, the longer Newton's method takes to find a body at rest.
+    A workpiece between frictionless dies can slide: neither Dirichlet conditions nor active
+    contacts resist. For such a motion, Newton's method becomes the proximal point method. The
+    residual is not changed, so that the solution does not depend on the added value. Where
+    equilibrium does not determine the motion, the method finds the solution next to the first
+    guess. In a single AIJ matrix of linear bodies, the values accumulate over the iterations, away
+    from contact: the longer Newton's method takes to bring a body to equilibrium, the better
+    conditioned is the matrix.
 
     Args:
         rigid: Rigid motions of the bodies.
         bodies: The bodies.
-        contacts: The contacts, paired.
+        contacts: The contacts, after contact detection.
         sides: Bodies of each contact.
     """
 
@@ -54,16 +55,16 @@ class Hold:
         self._bodies, self._contacts, self._rigid = bodies, contacts, rigid
         self._sides = sides
         self._motions = rigid.free_motions
-        #: Those motions for which something was added last, (modes of all bodies, motions).
+        #: Motions for which a value was added last, (modes of all bodies, motions).
         self.held: Array = self._motions[:, :0]
-        #: How the motions change the gaps of each pass.
+        #: Changes of the gaps of each integration side by the motions.
         self._changes: list[list[Array]] = []
         if self._motions.shape[1] == 0:
             return
         self._changes = self._found()
 
     def _found(self) -> list[list[Array]]:
-        """See ``_changes``."""
+        """Compute ``_changes``."""
         found = []
         for contact, side in zip(self._contacts, self._sides, strict=True):
             changes = []
@@ -74,12 +75,13 @@ class Hold:
         return found
 
     def free_motions(self, closed: typing.Sequence[Flags] | None = None) -> Array:
-        """Motions that closed contacts do not resist either, (modes of all bodies, motions).
+        """Motions that active contacts do not resist either, (modes of all bodies, motions).
 
         Collective.
 
         Args:
-            closed: Closed rows of each pass; by default those of the last evaluation.
+            closed: Active constraints of each integration side; by default those of the last
+                evaluation.
         """
         count = self._motions.shape[1]
         stiffness, whole = np.zeros((count, count)), np.zeros((count, count))
@@ -87,7 +89,7 @@ class Hold:
             return self._motions
         passes = [(c, p) for c in self._contacts for p in c.gaps]
         if any(p.following is not None for _, p in passes):
-            self._changes = self._found()  # points are others at each evaluation
+            self._changes = self._found()  # points change at each evaluation
         if closed is None:
             closed = [active_set.closed(contact, p) for contact, p in passes]
         changes = [change for of_contact in self._changes for change in of_contact]
@@ -102,10 +104,10 @@ class Hold:
         return np.asarray(self._motions @ vectors[:, values <= _NONE * np.trace(whole)])
 
     def add_to(self, tangent: Tangent) -> None:
-        """Add to the diagonal blocks of the bodies that move in such a motion. Collective.
+        """Add the value to the diagonal blocks of bodies in such motions. Collective.
 
         Args:
-            tangent: The tangent, assembled.
+            tangent: The assembled tangent.
         """
         free = self.held = self.free_motions()
         first = 0
@@ -118,7 +120,7 @@ class Hold:
 
 
 def _shift(body: Body, tangent: Tangent, i: int) -> None:
-    """Add a part of the mean diagonal at the free displacements of the vertices. Collective."""
+    """Add a part of the mean diagonal at free displacements of vertices. Collective."""
     V = displacement_space(body.V)
     assert V is not None
     dofs = np.setdiff1d(owned_vertices(V)[0].ravel(), body.owned_constrained)

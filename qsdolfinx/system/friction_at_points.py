@@ -1,4 +1,4 @@
-"""Friction of one pass of a contact whose rows are points: slips make forces themselves."""
+"""Friction of constraints at points: forces follow from slips."""
 
 from __future__ import annotations
 
@@ -21,65 +21,67 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Part of a facet by which a start slips that is a guess, rather than what the next iteration takes
-#: back.
+#: Slip of a first guess, as a part of a facet, above which it counts as due to the guess. A smaller
+#: slip is corrected by the next iteration.
 GUESSED = 0.1
 
-#: Part of the closed points that slipped in the last step, from which on bodies slide as a whole:
+#: Part of the active points that slipped in the last step above which bodies slide as a whole:
 #: ``tests/sliding/test_points.py``.
 AS_A_WHOLE = 0.5
 
 
 class PointFriction:
-    """The law of friction at points, with multipliers of nodes.
+    """Friction law at points, with multipliers at nodes.
 
-    With τ_h = Σ_k N_k τ_k, γ_t the penalty in tangential direction, and the pressure p_p of the
+    With τ_h = Σ_k N_k τ_k, the penalty γ_t in tangential direction, and the pressure p_p of the
     point, see ``PointConstraints``,
 
         y_p = τ_h + ρ_p + γ_t (g_p − (τ_h − τ_0h)/ε_t),   τ_p = T(y_p, p_p),
         (R_τ)_k = Σ_p w_p N_k (τ_p − τ_h)/γ_t,
 
-    T being the law: for Coulomb's the projection onto the ball of radius μ p_p; and ρ_p what
-    τ_p − τ_h was when the step began, Σ_p w_p N_k ρ_p = 0, so that a step without a load changes
-    nothing. Forces are Σ_p w_p τ_p · ∂g_p/∂u. 1/ε_t is 0 of an augmented Lagrangian, and τ_0h is
-    τ_h at the start of the step. A penalty has the multipliers, too: without, the sense of slip
-    would change in each iteration where it is stiff. Laws that slips alone tell, as Norton's, need
-    none. A node has a multiplier for each of its smooth sides, with gdim components; those that
-    conditions hold on both sides and do not move against each other are 0, or of clamped nodes,
-    and where points hardly cover a side, the mean of the neighbours', as those of the pressure are.
+    T is the friction law: for Coulomb the projection onto the ball of radius μ p_p. ρ_p is τ_p −
+    τ_h at the start of the step, with Σ_p w_p N_k ρ_p = 0, so that a step without a load changes
+    nothing. Forces are Σ_p w_p τ_p · ∂g_p/∂u. For an augmented Lagrangian 1/ε_t is 0; τ_0h is τ_h
+    at the start of the step. With a penalty there are multipliers, too: without them, the direction
+    of slip would change in each iteration if the penalty is stiff. Laws that depend on slip alone,
+    such as Norton's, need no multipliers. A node has a multiplier for each of its smooth patches,
+    with gdim components. Components that conditions constrain on both sides without relative motion
+    are 0. At fully constrained nodes, and where points hardly cover a patch, they are the mean of
+    the neighbours, like the multipliers of the pressure.
 
     Args:
         model: The contact.
         slip: Its slip.
     """
 
-    #: Part of the diagonal by which the inexact derivative is softer.
+    #: Part of the diagonal subtracted in the inexact derivative, as compliance.
     proximal = LEAST_PROXIMAL
 
     def __init__(self, model: ContactModel, slip: Slip) -> None:
         self.model, self.slip = model, slip
         #: γ_t (stress per length).
         self.gamma: float
-        #: γ_t/ε_t of a penalty, 0 of an augmented Lagrangian.
+        #: γ_t/ε_t for a penalty; 0 for an augmented Lagrangian.
         self.elastic: float
         self.gamma, self.elastic = model.slip_penalty
-        #: Whether there are multipliers: not of laws that slips alone tell.
+        #: Whether there are multipliers: not for laws that depend on slip alone.
         self.has_unknowns = isinstance(slip.friction, Limited)
         self.scales = Scales.of(model, np.full(slip.gap.num_rows, self.gamma))
         self._gdim = slip.gap.slave.gdim
-        #: E of each component; None where τ_free is all of it.
+        #: Matrix E of each component; None where τ_free is all of τ.
         self.extensions: list[Extension | None] = self._extended() if self.has_unknowns else []
-        #: Components that are unknowns, of the sides of owned nodes, (nodes, block, gdim).
+        #: Components that are unknowns, for the smooth patches of owned nodes, (nodes, block,
+        #: gdim).
         self.free: Flags = self._found()
 
     @property
     def _points(self) -> PointRows:
-        """The points, others at each evaluation where gaps follow the bodies."""
+        """The points; with updated geometry they are others at each evaluation."""
         assert isinstance(self.slip.gap.rows, PointRows)
         return self.slip.gap.rows
 
     def _extended(self) -> list[Extension | None]:
-        """Of what is held, and of what is hardly covered. Collective."""
+        """Condensation of constrained and hardly covered components. Collective."""
         held, points = self.slip.held, self._points
         if not self.model.comm.allreduce(held is not None, op=MPI.LOR):
             return [points.extended(None)] * self._gdim
@@ -107,11 +109,11 @@ class PointFriction:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the unknowns τ of this rank."""
+        """Shape of the unknowns τ of this rank."""
         return int(np.count_nonzero(self.free)), 1
 
     def on_sides(self, multiplier: Array) -> Array:
-        """E τ_free at all sides of owned nodes, (nodes, block · gdim). Collective."""
+        """Multipliers E τ_free at all patches of owned nodes, (nodes, block · gdim). Collective."""
         out = np.zeros(self.free.shape)
         out[self.free] = multiplier[:, 0]
         for k, extension in enumerate(self.extensions):
@@ -120,13 +122,13 @@ class PointFriction:
         return out.reshape(len(out), out.shape[1] * self._gdim)
 
     def seen(self, multiplier: Array) -> Array:
-        """τ_h at the points, (points, gdim). Collective."""
+        """Multiplier τ_h at the points, (points, gdim). Collective."""
         if not self.has_unknowns:
             return np.zeros((self.slip.gap.num_rows, self._gdim))
         return self._points.vectors_from_sides(self.on_sides(multiplier))
 
     def gathered(self, values: Array) -> Array:
-        """Eᵀ Nᵀ W of values of the points, of the shape of τ_free. Collective."""
+        """Eᵀ Nᵀ W applied to values at points, in the shape of τ_free. Collective."""
         if not self.has_unknowns:
             return np.zeros((0, 1))
         sums = self.slip.gap.share * self._points.sums_of_vectors(values)
@@ -138,13 +140,13 @@ class PointFriction:
 
     @property
     def areas(self) -> Array:
-        """Area of each of τ_free, of its shape. Collective."""
+        """Area of each component of τ_free, in the shape of τ_free. Collective."""
         return self.gathered(np.ones((self.slip.gap.num_rows, self._gdim)))
 
     # --- Evaluation
 
     def first(self) -> Array:
-        """What is known of τ."""
+        """First guess of τ, from the last solve."""
         if not self.has_unknowns:
             return np.zeros((0, 1))
         state = self.slip.state
@@ -160,16 +162,16 @@ class PointFriction:
         opened: Flags | None,
         sticks: bool = False,
     ) -> Tangential:
-        """The points where slip was evaluated last. Collective.
+        """Evaluate friction at the points, for the last evaluation of slip. Collective.
 
         Args:
             multiplier: τ.
-            normal: The points' pressures.
-            first: Whether what is closed sticks, but where it slipped when the step began and goes
-                on.
-            again: Whether the step has been solved before, so that what has τ is what it seems.
-            opened: Points that count as open, which ``normal`` knows.
-            sticks: Whether all that is closed sticks.
+            normal: Pressures at the points.
+            first: Whether active points stick, except those that slipped at the start of the step
+                and continue to slip.
+            again: Whether the step has been solved before, so that τ shows the present slip state.
+            opened: Points that count as inactive; ``normal`` takes them into account.
+            sticks: Whether all active points stick.
         """
         slip = self.slip
         known = slip.known(self.elastic, self.seen(multiplier))
@@ -181,7 +183,7 @@ class PointFriction:
             told = told._replace(unlimited=unlimited, goes_on=goes_on)
         if sticks:
             told = told._replace(unlimited=normal.active.copy())
-        with collective_errors(self.model.comm):  # a law may be the user's
+        with collective_errors(self.model.comm):  # a law may be user code
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
         response = slip.with_bound(response, told)
         return Tangential(multiplier, told, response, normal.active, None, response.traction)
@@ -189,17 +191,17 @@ class PointFriction:
     def _going_on(self, slipped: Flags, active: Flags) -> Flags | None:
         """Points that slipped, (points,), if bodies slide there as a whole; else None. Collective.
 
-        Newton's method would begin with all of them stuck, and drag the bodies along. Where only
-        some slip, they are others in each step.
+        If all of these points stuck at the start, Newton's method would drag the bodies along.
+        Where only some points slip, they are others in each step.
         """
         counts = np.array([np.count_nonzero(slipped & active), np.count_nonzero(active)])
         self.model.comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
         return slipped if counts[0] >= AS_A_WHOLE * counts[1] else None
 
     def _has_moved(self, told: Rows) -> Flags:
-        """Points that a guess moves far, and by more than friction can hold, (points,).
+        """Points that a guess moves far, and by more than friction can resist, (points,).
 
-        They would stick to where they have been. Collective.
+        They would stick to their earlier positions. Collective.
         """
         with collective_errors(self.model.comm):
             held = self.slip.respond(told, not all(self.model.kinematics.in_displacement)).traction
@@ -208,7 +210,7 @@ class PointFriction:
         return np.asarray(far & (self.gamma * way > held))
 
     def _told(self, known: Array, normal: Normal) -> Rows:
-        """What the law of friction is told."""
+        """Input of the friction law."""
         slip, state, dt = self.slip, self.slip.state, self.model.kinematics.dt
         assert self.model.friction is not None
         return Rows(
@@ -228,22 +230,22 @@ class PointFriction:
         )
 
     def residual(self, at: Tangential) -> Array:
-        """R_τ. Collective."""
+        """Residual R_τ. Collective."""
         change = at.traction - self.seen(at.multiplier)
         return np.asarray(self.gathered(change) / self.gamma)
 
     def in_forces(self) -> Array:
-        """γ_t, (unknowns,)."""
+        """Factors γ_t from residual to forces, (unknowns,)."""
         return np.full(self.shape[0], self.gamma)
 
     def stress(self, at: Tangential, forces: Array) -> Array:
-        """Mean stress, or that of slips in the stiffest body, beyond rounding. Collective."""
+        """Mean stress, or that of mean slips in the stiffest body, beyond rounding. Collective."""
         factor = max(self.scales.largest() / self.gamma, 1.0)
         rounding = float(np.max(self.slip.rounding(at.response), initial=0.0))
         return np.asarray(np.maximum(factor * np.abs(forces) / self.areas - rounding, 0.0))
 
     def keep(self, at: Tangential) -> None:
-        """Let the slip know τ. Collective."""
+        """Store τ in the slip. Collective."""
         state = self.slip.state
         if self.has_unknowns:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
@@ -258,15 +260,15 @@ class PointFriction:
     # --- Derivative
 
     def by_slip(self, at: Tangential) -> Array:
-        """∂τ/∂g (stress per length), (points, gdim, gdim)."""
+        """Derivative ∂τ/∂g (stress per length), (points, gdim, gdim)."""
         return np.asarray(at.response.stiffness @ self.slip.projector)
 
     def by_pressure(self, at: Tangential) -> Array:
-        """∂τ/∂p where there is any pressure, (points, gdim)."""
+        """Derivative ∂τ/∂p where the pressure is positive, (points, gdim)."""
         return np.asarray((at.told.pressure > 0)[:, None] * at.response.coupling)
 
     def moving(self, at: Tangential, moves: bool) -> list[MovingFunctions] | None:
-        """How each component of τ_h moves along facets; None if it does not. Collective.
+        """Change of each component of τ_h by motion along facets; None if constant. Collective.
 
         Args:
             at: The points, at the last evaluation.
@@ -287,22 +289,22 @@ class PointFriction:
         return None if None in found else [one for one in found if one is not None]
 
     def moving_slip(self, at: Tangential) -> Changes:
-        """How the trial's slip, and what τ_h has in the planes of facets, change. Collective."""
+        """Changes of the slip in the trial, and of τ_h in the planes of facets. Collective."""
         return self.slip.moving(self.elastic, self.seen(at.multiplier), self.gamma)
 
     def softened(self) -> Array:
-        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        """Diagonal terms that make the inexact derivative regular, (unknowns,)."""
         return np.asarray((-self.proximal / self.gamma * self.areas).ravel())
 
     def rounded_forces(self, at: Tangential) -> Array:
-        """What rounding of slips makes of forces, (points,): of laws that slip rates steer.
+        """Errors of forces due to rounding of slips, (points,), for laws that depend on slip rates.
 
-        Where there are unknowns τ it is in R_τ instead.
+        If there are unknowns τ, this rounding is in R_τ instead, and the array is empty.
         """
         if self.has_unknowns:
             return np.zeros(0)
         return np.asarray(self.slip.gap.weight * self.slip.rounding(at.response))
 
     def rounding(self) -> float:
-        """Largest factor that turns slips into stress on this rank."""
+        """Largest factor from slips to stress on this rank."""
         return self.scales.largest()

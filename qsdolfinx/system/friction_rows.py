@@ -1,4 +1,4 @@
-"""Rows of τ of one pass of a contact whose rows are nodes: the law of friction."""
+"""Constraints of τ at nodes: the friction law."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: c_t over the automatic penalty of the rows.
+#: Factor c_t over the automatic penalty of the constraints.
 C_TANGENTIAL = 1.0
 
 
 class Tangential(typing.NamedTuple):
-    """Rows of τ at given unknowns.
+    """Constraints of τ at given unknowns.
 
     Attributes:
         multiplier: τ, stress, (rows, gdim).
-        told: What the law was told.
-        response: What it answered.
-        active: Rows in contact.
-        filled: What the edge of contact makes of the answer; None of a law that does not jump.
-        traction: Stress that makes forces at the rows, (rows, gdim): τ, or at points the answer.
+        told: Input of the law.
+        response: Response of the law.
+        active: Active constraints.
+        filled: Modification of the response on the edge of contact; None for a continuous law.
+        traction: Stress from which forces are computed, (rows, gdim): τ, or at points the response.
     """
 
     multiplier: Array
@@ -42,16 +42,16 @@ class Tangential(typing.NamedTuple):
 
     @property
     def closed(self) -> Flags:
-        """Rows that are active, or have friction at the edge of contact."""
+        """Constraints that are active, or have friction at the edge of contact."""
         if self.filled is None:
             return self.active
         return self.active | self.filled.edge | self.filled.closed
 
     @property
     def on_edge(self) -> Flags:
-        """Rows whose friction their pressure does not tell, but τ alone: 0 of those that are open.
+        """Constraints whose friction depends on τ, not on the pressure: 0 for inactive ones.
 
-        Rounding would close some of these where λ = ḡ = 0, and the law would jump.
+        Where λ = ḡ = 0, rounding would make some of these active, and the law would jump.
         """
         if self.filled is None:
             return ~self.active
@@ -59,7 +59,7 @@ class Tangential(typing.NamedTuple):
 
     @property
     def sticking(self) -> Flags:
-        """Closed rows that do not slip."""
+        """Active constraints that stick."""
         return np.asarray(self.active & ~self.response.slipping)
 
 
@@ -67,10 +67,10 @@ class OfTangential(typing.NamedTuple):
     """Derivatives of R_τ.
 
     Attributes:
-        by_slip: By g (area), (rows, gdim, gdim).
-        by_own: By τ, (rows, gdim, gdim).
-        by_pressure: By the pressure of the rows, (rows, gdim).
-        by_trial: By y_n of the rows, (rows, gdim); None of a law that does not jump.
+        by_slip: Derivative by g (area), (rows, gdim, gdim).
+        by_own: Derivative by τ, (rows, gdim, gdim).
+        by_pressure: Derivative by the pressure of the constraints, (rows, gdim).
+        by_trial: Derivative by y_n of the constraints, (rows, gdim); None for a continuous law.
     """
 
     by_slip: Array
@@ -80,7 +80,7 @@ class OfTangential(typing.NamedTuple):
 
 
 class FrictionRows:
-    """R_τ = W/c_t (T(g, τ + c_t (g* − g), λ₊) − τ); see :class:`ConstraintRows`.
+    """Friction R_τ = W/c_t (T(g, τ + c_t (g* − g), λ₊) − τ); see :class:`ConstraintRows`.
 
     Args:
         model: The contact.
@@ -91,16 +91,16 @@ class FrictionRows:
         self.model, self.slip = model, slip
         self.scales = Scales.of(model, model.tangential_eps * slip.gap.relative_penalty)
         self._c: Array = C_TANGENTIAL * self.scales.usual * self.scales.penalty
-        #: Whether rows may be on the edge of contact.
+        #: Whether constraints may be on the edge of contact.
         self._fills = slip.friction.jumps and slip.friction.is_bounded
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the unknowns τ of this rank."""
+        """Shape of the unknowns τ of this rank."""
         return self.slip.operator.num_rows, self.slip.gap.slave.gdim
 
     def first(self) -> Array:
-        """What is known of τ."""
+        """First guess of τ, from the last solve."""
         return self.slip.turned(self.slip.state.augmented)
 
     def evaluate(
@@ -112,15 +112,16 @@ class FrictionRows:
         opened: Flags | None,
         sticks: bool = False,
     ) -> Tangential:
-        """The rows where slip was evaluated last. Collective.
+        """Evaluate the constraints for the last evaluation of slip. Collective.
 
         Args:
             multiplier: τ.
-            normal: The rows of λ.
-            first: Whether what is closed sticks, but where it slipped when the step began.
-            again: Whether the step has been solved before, so that what has τ is what it seems.
-            opened: Rows of λ that count as open.
-            sticks: Whether all that is closed sticks.
+            normal: The constraints of λ.
+            first: Whether active constraints stick, except those that slipped at the start of the
+                step.
+            again: Whether the step has been solved before, so that τ shows the present slip state.
+            opened: Constraints of λ that count as inactive.
+            sticks: Whether all active constraints stick.
         """
         slip = self.slip
         active = normal.active
@@ -133,7 +134,7 @@ class FrictionRows:
             told = told._replace(unlimited=active.copy())
         if self._fills:
             told = told._replace(closed=np.ones_like(active))
-        with collective_errors(self.model.comm):  # a law may be the user's
+        with collective_errors(self.model.comm):  # a law may be user code
             response = slip.respond(told, not all(self.model.kinematics.in_displacement))
         found = Tangential(multiplier, told, response, active, None, slip.tangential(multiplier))
         return self._filled(found, normal, first, opened) if self._fills else found
@@ -141,9 +142,9 @@ class FrictionRows:
     def _filled(
         self, found: Tangential, normal: Normal, first: bool, opened: Flags | None
     ) -> Tangential:
-        """The same with what friction is on the edge of contact, see ``fill``. Collective."""
+        """Add the friction on the edge of contact, see ``fill``. Collective."""
         active = found.active
-        # What conditions hold is closed or open, as their λ̄ tells.
+        # Nodes constrained by conditions are active or inactive according to their λ̄.
         alone = np.zeros_like(active) if normal.held is None else normal.held[:, 0]
         whole = active & (alone | (first & (found.told.pressure > 0)))
         none = alone & ~active
@@ -153,7 +154,7 @@ class FrictionRows:
         return found._replace(response=filled.response, filled=filled)
 
     def _told(self, multiplier: Array, closed: Flags, pressure: Array) -> Rows:
-        """What the law of friction is told."""
+        """Input of the friction law."""
         slip, state, dt = self.slip, self.slip.state, self.model.kinematics.dt
         assert self.model.friction is not None
         change = multiplier - state.augmented
@@ -175,12 +176,12 @@ class FrictionRows:
         )
 
     def residual(self, at: Tangential) -> Array:
-        """R_τ: area times length, (rows, gdim)."""
+        """Residual R_τ: area times length, (rows, gdim)."""
         weight = self.slip.weight / self._c
         return np.asarray(weight[:, None] * (at.response.traction - at.multiplier))
 
     def in_forces(self) -> Array:
-        """c_t, (unknowns,)."""
+        """Factors c_t from residual to forces, (unknowns,)."""
         return np.repeat(self._c, self.slip.gap.slave.gdim)
 
     def stress(self, at: Tangential, forces: Array) -> Array:
@@ -191,7 +192,7 @@ class FrictionRows:
         return np.maximum(stress - self.slip.rounding(at.response)[:, None], 0.0)
 
     def keep(self, at: Tangential) -> None:
-        """Let the slip know τ."""
+        """Store τ in the slip."""
         state, tangential = self.slip.state, np.where(at.closed[:, None], at.multiplier, 0.0)
         if self.model.augmented:
             state.augmented = self.slip.tangential(tangential)
@@ -205,8 +206,8 @@ class FrictionRows:
         """Derivatives of R_τ.
 
         Args:
-            at: The rows.
-            exact: As of ``ConstraintRows.derivative``.
+            at: The evaluated constraints.
+            exact: As for ``ConstraintRows.derivative``.
         """
         slip, weight = self.slip, self.slip.weight / self._c
         stiffness = at.response.stiffness
@@ -215,7 +216,7 @@ class FrictionRows:
         gdim = stiffness.shape[1]
         own = np.zeros_like(stiffness)
         if isinstance(slip.friction, Limited):
-            # The trial has τ less what a penalty stores of it.
+            # The trial has τ minus the part that a penalty stores.
             part = (1 - self._c * self.scales.compliance) / self._c
             own = part[:, None, None] * (stiffness @ slip.projector)
         own = weight[:, None, None] * (own - np.eye(gdim))
@@ -230,24 +231,24 @@ class FrictionRows:
         return OfTangential(by_slip, own, by_pressure, by_trial)
 
     def softened(self) -> Array:
-        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        """Diagonal terms that make the inexact derivative regular, (unknowns,)."""
         return np.repeat(-self.slip.weight * self.scales.proximal, self.slip.gap.slave.gdim)
 
     def scale(self, at: Tangential) -> Array:
-        """What makes forces of R_τ: c, or the usual penalty where rows stick, (rows,)."""
+        """Factors from R_τ to forces: c, or the usual penalty where constraints stick, (rows,)."""
         return np.where(at.sticking, 1 / self.scales.softness, self._c)
 
     def usual_compliance(self, at: Tangential) -> Array:
-        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        """Compliance missing in active constraints compared with the usual penalty, (rows,)."""
         return self.scales.usual_compliance(at.active)
 
     def rounding(self) -> float:
-        """Largest factor that turns slips into stress on this rank."""
+        """Largest factor from slips to stress on this rank."""
         return self.scales.largest(self._c)
 
 
 def _with_direction_of_tau(at: Tangential) -> Array:
-    """D with (I − τ/max(κ, |τ|) ⊗ d) in place of (I − d ⊗ d) where rows slip."""
+    """D with (I − τ/max(κ, |τ|) ⊗ d) in place of (I − d ⊗ d) where constraints slip."""
     response, tangential = at.response, at.multiplier
     limit = np.linalg.norm(response.traction, axis=1)
     size = np.linalg.norm(tangential, axis=1)

@@ -1,4 +1,4 @@
-"""Derivatives of forces that gaps make themselves, by all unknowns of the equations."""
+"""Derivatives of forces that follow from gaps, by all unknowns of the equations."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Indices = npt.NDArray[np.int64]
 
 
 class Gaps(typing.NamedTuple):
-    """Gaps, slips, or other numbers at the rows, by all unknowns of the equations.
+    """Gaps, slips or other values of constraints as functions of all unknowns.
 
     Attributes:
-        operator: Them by the unknowns of the bodies.
-        numbers: Of each side's unknowns among all, (columns, block).
+        operator: Operator from the unknowns of the bodies to these values.
+        numbers: Numbers of each side's unknowns among all unknowns, (columns, block).
         scales: Displacement per unknown of each side.
-        of_tool: By the displacement of a driven tool; None without.
-        beside: What else they change by, with scales; None for nothing.
+        of_tool: Derivative by the displacement of a force-controlled tool; None without.
+        beside: Further derivatives of these values, with scales; None if there are none.
     """
 
     operator: _cpp.GapOperator
@@ -45,18 +45,18 @@ class Gaps(typing.NamedTuple):
 
     @property
     def are_scaled(self) -> bool:
-        """Whether unknowns of a body are other than displacements."""
+        """Whether the unknowns of a body are not displacements."""
         return any(scale != 1 for scale in self.scales)
 
     def add_to(
         self, rows: _cpp.StackedRows, factor: float, scaled: bool = True, first: int = 0
     ) -> None:
-        """Add them times a factor, in components from the first on.
+        """Add the values times a factor, in components starting at ``first``.
 
         Args:
-            rows: What takes them.
+            rows: The rows to which they are added.
             factor: The factor.
-            scaled: Whether by the unknowns, or by displacements.
+            scaled: Whether as functions of the unknowns, or else of displacements.
             first: The first component.
         """
         for i, (numbers, scale) in enumerate(zip(self.numbers, self.scales, strict=True)):
@@ -69,12 +69,12 @@ class Gaps(typing.NamedTuple):
 
 
 class Moving(typing.NamedTuple):
-    """How λ_h, or a component of τ_h, moves along facets, in numbers of all unknowns.
+    """Change of λ_h, or of a component of τ_h, by motion along facets, on all unknowns.
 
     Attributes:
-        rows: Its derivative at the rows.
-        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k, or the same of τ; rows are unknowns of the slave that
-            stand for the sides of nodes.
+        rows: Its derivative at the constraints.
+        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k, or this sum for τ. Rows are unknowns of the slave that
+            represent the smooth patches of nodes.
     """
 
     rows: Gaps
@@ -82,25 +82,26 @@ class Moving(typing.NamedTuple):
 
 
 class GapMatrices:
-    """B = γ G + a N, rows being those of the gaps, columns all unknowns of the equations.
+    """B = γ G + a N, with a row for each constraint, and columns for all unknowns.
 
-    B z is y but for a constant at points, and the gap itself of a law without multipliers. Of the
-    potential Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²) the second derivative is Bᵀ W/γ χ B − a Nᵀ W/γ N, χ
-    being 1 at closed points; of Σ_k S_k φ(ḡ_k) it is Gᵀ S φ'' G. Of friction at points there
-    are three more rows, B_t = γ_t J + N_t, of each, and the derivative is Bᵀ W D B* − Nᵀ W/γ N, D
-    having a block for each point, and B* having (1 − γ_t/ε_t) N_t with a penalty. B is not formed:
+    At points, B z is y except for a constant; for a law without multipliers it is the gap itself.
+    The second derivative of the potential Σ_p w_p/(2γ) ([y_p]₊² − a λ_h²) is Bᵀ W/γ χ B − a Nᵀ W/γ
+    N, where χ is 1 at active points. That of Σ_k S_k φ(ḡ_k) is Gᵀ S φ'' G. With friction, each
+    point has three more rows, B_t = γ_t J + N_t, and the derivative is Bᵀ W D B* − Nᵀ W/γ N. D has
+    a block for each point, and B* has (1 − γ_t/ε_t) N_t with a penalty. B is not assembled:
     products of points are dense blocks. Collective.
 
     Args:
-        rows: The rows.
+        rows: The constraints.
         friction: Friction at these points; None without.
-        gaps: G that forces are of, and that of what gaps change by.
-        slips: What friction works on, and J, a row for each component; None without friction.
-        numbers: Of the unknowns λ of this rank among all, shape (λ,), and of τ.
-        num_local: Unknowns of this rank.
-        moving: How λ_h, then the components of τ_h move where gaps follow the bodies, with the
-            number of the component; none if they do not. What R_λ, R_τ and forces depend on has
-            that, too; what forces work on has not.
+        gaps: G for the forces, and G for the change of gaps.
+        slips: The operator for the work of friction, and J, with a row for each component; None
+            without friction.
+        numbers: Numbers of this rank's unknowns λ among all unknowns, shape (λ,), and of τ.
+        num_local: Number of unknowns of this rank.
+        moving: Changes of λ_h, then of the components of τ_h, with updated geometry, each with the
+            number of the component; empty for linear gaps. The change of R_λ, R_τ and forces
+            contains them; the operator for the work of forces does not.
     """
 
     def __init__(
@@ -117,20 +118,21 @@ class GapMatrices:
         self._friction, self._width = friction, rows.gap.operator.width
         self._numbers, self._functions = numbers[0], typing.cast("PETSc.Mat | None", None)
         self._part = 1.0
-        of_nodes: list[tuple[int, _cpp.CompressedRows]] = []  # and the component
+        of_nodes: list[tuple[int, _cpp.CompressedRows]] = []  # with the component
         if isinstance(rows, PointConstraints) and rows.has_multipliers:
             of_nodes.append((0, self._of_nodes(rows.free, numbers[0], rows.extension)))
             self._part = rows.part
-        #: Of λ and τ by how their functions move.
+        #: Derivatives of R_λ and R_τ by the motion of shape functions.
         self.mixed: list[Entries] = [self._of_moving(of, k, numbers) for k, of in moving]
         in_rows = [(k, of.rows) for k, of in moving]
         of_slips = [] if friction is None else self._of_slips(friction, numbers[1])
-        elastic = 0.0 if friction is None else friction.elastic  # of a penalty τ has a compliance
+        elastic = 0.0 if friction is None else friction.elastic  # τ has a compliance by a penalty
         #: Whether there are multipliers at points.
         self._has = bool(of_nodes or of_slips)
-        #: Rows of a point: B, then those of N E if there are multipliers.
+        #: Rows of a point: those of B, then those of N E if there are multipliers.
         self._right = self._stacked(gaps[1], slips, (of_nodes, of_slips), in_rows, 1 - elastic)
-        #: The same of what forces work on, and functions stay; the same object if all is.
+        #: These rows for the work of forces, with constant functions; the same object if all are
+        #: equal.
         self._left = self._right
         differ = gaps[0] is not gaps[1] or (slips is not None and slips[0] is not slips[1])
         scaled = gaps[0].are_scaled or (slips is not None and slips[1].are_scaled)
@@ -139,7 +141,7 @@ class GapMatrices:
             self._left = self._stacked(gaps[0], of_forces, (of_nodes, of_slips), [], 1.0, False)
 
     def functions(self) -> PETSc.Mat:
-        """Matrix a N E of λ, which stays this object's. Collective."""
+        """Matrix a N E of λ, owned by this object. Collective."""
         rows = self._rows
         assert isinstance(rows, PointConstraints)
         if self._functions is None:
@@ -149,7 +151,7 @@ class GapMatrices:
 
     @property
     def _num_of_b(self) -> int:
-        """Rows of a point in B, 1 + gdim with friction."""
+        """Number of rows of a point in B, 1 + gdim with friction."""
         return self._width if self._friction is None else 1 + int(self._friction.free.shape[2])
 
     def _stacked(
@@ -161,7 +163,7 @@ class GapMatrices:
         of_slips: float,
         scaled: bool = True,
     ) -> _cpp.StackedRows:
-        """B, N_t times a factor, and N E where there are multipliers."""
+        """Rows of B, with N_t times a factor, and of N E if there are multipliers."""
         num, friction = self._num_of_b, self._friction
         out = _cpp.StackedRows(self._rows.gap.num_rows, (1 + self._has) * num)
         gaps.add_to(out, self._rows.gamma, scaled)
@@ -180,7 +182,7 @@ class GapMatrices:
     def _of_moving(
         self, moving: Moving, component: int, numbers: tuple[Indices, Indices]
     ) -> Entries:
-        """Of R_λ or R_τ by the bodies' unknowns, as functions of the nodes move. Collective."""
+        """Derivatives of R_λ or R_τ by the motion of nodal functions. Collective."""
         rows, friction, mixed = self._rows, self._friction, moving.mixed
         if component == 0:
             assert isinstance(rows, PointConstraints)
@@ -194,7 +196,7 @@ class GapMatrices:
         of_sides.setSizes(sizes)
         of_sides.setType(PETSc.Mat.Type.AIJ)
         some = mixed.column >= 0
-        # Some are of rows of other ranks.
+        # Some entries are in rows of other ranks.
         _cpp.set_places(of_sides.handle, mixed.row[some], mixed.column[some])
         _cpp.set_values(of_sides.handle, mixed.value[some])
         product = extended.transposeMatMult(of_sides)
@@ -206,7 +208,7 @@ class GapMatrices:
     def _of_slips(
         self, friction: PointFriction, numbers: Indices
     ) -> list[tuple[int, _cpp.CompressedRows]]:
-        """N E of each component of τ. Collective."""
+        """Rows N E of each component of τ. Collective."""
         if not friction.extensions:
             return []
         found = []
@@ -217,7 +219,7 @@ class GapMatrices:
 
     @staticmethod
     def _of_component(friction: PointFriction, k: int, numbers: Indices) -> tuple[Flags, Indices]:
-        """Sides of nodes that have a component of τ for an unknown, and the numbers of these."""
+        """Patches of nodes at which a component of τ is an unknown, and its numbers."""
         of_free = np.zeros(friction.free.shape, dtype=np.int64)
         of_free[friction.free] = numbers
         free = friction.free[:, :, k]
@@ -226,7 +228,7 @@ class GapMatrices:
     def _of_nodes(
         self, free: Flags, numbers: Indices, extension: Extension | None
     ) -> _cpp.CompressedRows:
-        """N E by the unknowns of these sides of nodes. Collective."""
+        """Rows N E on the unknowns of these patches of nodes. Collective."""
         mat = self._times_sides(free, numbers, extension)
         starts, columns, values = mat.getValuesCSR()
         mat.destroy()
@@ -235,7 +237,7 @@ class GapMatrices:
         )
 
     def _times_sides(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
-        """The same as a new matrix. Collective."""
+        """N E as a new matrix. Collective."""
         sides, mat = self._of_sides(), self._extended(free, numbers, extension)
         out = sides.matMult(mat)
         for thing in (sides, mat):
@@ -243,7 +245,7 @@ class GapMatrices:
         return out
 
     def _extended(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
-        """E: sides of nodes by the unknowns of these, a new matrix. Collective."""
+        """New matrix E from free unknowns to all patches of nodes. Collective."""
         slave = self._rows.gap.slave
         num_sides, first = _layout(slave)
         dofs = slave.node_dofs[free] - first
@@ -254,7 +256,7 @@ class GapMatrices:
             means = PETSc.Mat().create(comm=self._comm)
             means.setSizes(((num_sides, PETSc.DETERMINE),) * 2)
             means.setType(PETSc.Mat.Type.AIJ)
-            _cpp.set_places(means.handle, row, column)  # some are of rows of other ranks
+            _cpp.set_places(means.handle, row, column)  # some entries are in rows of other ranks
             _cpp.set_values(means.handle, value)
             first_means = means.matMult(mat)
             second = means.matMult(first_means)
@@ -265,7 +267,7 @@ class GapMatrices:
         return mat
 
     def _of_sides(self) -> PETSc.Mat:
-        """N by the unknowns of the slave that stand for sides of nodes."""
+        """Matrix N on the unknowns of the slave that represent patches of nodes."""
         rows = self._rows
         offset, unknowns, values = rows.gap.operator.functions
         num_sides = _layout(rows.gap.slave)[0]
@@ -273,11 +275,11 @@ class GapMatrices:
         return Entries(row, unknowns, values).matrix(rows.gap.num_rows, num_sides, self._comm)
 
     def add_to(self, sums: _cpp.RowSums, at: Normal, tangential: Tangential | None) -> None:
-        """Add the derivative of the forces, and of R_λ and R_τ, but for :attr:`mixed`.
+        """Add the derivative of the forces, and of R_λ and R_τ, without :attr:`mixed`.
 
         Args:
-            sums: What is added to the matrix by all unknowns of the equations.
-            at: The rows.
+            sums: Accumulates terms of the matrix on all unknowns of the equations.
+            at: The evaluated constraints.
             tangential: Friction at these points; None without.
         """
         rows, friction = self._rows, self._friction
@@ -297,7 +299,7 @@ class GapMatrices:
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array
     ) -> Array:
-        """W D, (points, 1 + gdim, 1 + gdim), with these entries for gaps by gaps."""
+        """Blocks W D, (points, 1 + gdim, 1 + gdim), with given entries for gaps by gaps."""
         gdim, weight, gamma = friction.free.shape[2], self._rows.gap.weight, friction.gamma
         out = np.zeros((len(own), 1 + gdim, 1 + gdim))
         out[:, 0, 0] = own
@@ -308,16 +310,16 @@ class GapMatrices:
         return out
 
     def pressures(self, at: Normal) -> Entries:
-        """Derivatives of the pressures of rows of nodes, which friction knows there."""
+        """Derivatives of the pressures of nodal constraints, for friction at nodes."""
         slope = self._rows.stiffness(at)[:, 0] / self._rows.gamma
         return self._times(np.where(at.pressure[:, 0] > 0, slope, 0.0))
 
     def trials(self) -> Entries:
-        """The same of y_n."""
+        """Derivatives of y_n, for friction at nodes."""
         return self._times(self._rows.by_trial())
 
     def _times(self, factor: Array) -> Entries:
-        """B times a factor of each row, numbers in rows being those of this rank."""
+        """B times a factor for each row; rows are numbered on this rank."""
         row, column, value = self._right.entries()
         row, component = np.divmod(row, self._right.components)
         keep = component < self._num_of_b
@@ -331,7 +333,7 @@ class GapMatrices:
 
 
 def _beside(D: Array, own: Array) -> Array:
-    """Numbers of rows, or matrices of points, with those of as many rows more beside them."""
+    """Extend the factors of rows, or the matrices of points, by those of as many further rows."""
     if D.ndim == 2:
         return np.hstack([D, own])
     num = own.shape[1]
@@ -343,7 +345,7 @@ def _beside(D: Array, own: Array) -> Array:
 
 
 def _layout(slave: Surface) -> tuple[int, int]:
-    """Unknowns of the slave's body on this rank, and the first of them."""
+    """Number of unknowns of the slave's body on this rank, and the first unknown."""
     vec = slave.create_vec()
     out = vec.getLocalSize(), vec.owner_range[0]
     vec.destroy()

@@ -1,4 +1,4 @@
-"""Matrices of bodies and contacts as they are paired: tangent, near-nullspaces, free motions."""
+"""Matrices for the present contact pairs: tangent, near-nullspaces, free rigid motions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from qsdolfinx.system.tangent import Tangent
 
 
 class Form(str, enum.Enum):
-    """What the linear solver sees: the MatNest, one AIJ matrix, or a sum that is never formed."""
+    """Matrix format for the linear solver: MatNest, one AIJ matrix, or an unassembled sum."""
 
     NEST = "nest"
     MPI = "mpi"
@@ -29,7 +29,7 @@ class Form(str, enum.Enum):
 
 
 class Matrices:
-    """What has to be built again whenever contact has paired.
+    """Objects that must be built anew after each update of the contact pairs.
 
     Args:
         bodies: The bodies.
@@ -37,7 +37,7 @@ class Matrices:
         sides: Bodies of each contact.
         bulk: Bulk block of each body.
         scales: Displacement per unknown of each body.
-        form: What the linear solver sees.
+        form: Matrix format for the linear solver.
         watch: Counts the time for the stage "conversion".
     """
 
@@ -56,9 +56,9 @@ class Matrices:
         symmetric = [is_symmetric(matrix) for matrix in bulk]
         self._are_symmetric = symmetric
         self._asked = [body.num_assemblies for body in bodies]
-        #: Contact's blocks, with bulk in the MatNest alone; None of a sum.
+        #: Contact blocks, which include bulk only in the MatNest; None for a sum.
         self.blocks: Blocks | None = None
-        #: The tangent: what is assembled.
+        #: The tangent, which is assembled.
         self.tangent: Tangent
         if form is Form.SUM:
             self.tangent = Additive(bodies, contacts, sides, bulk, scales, symmetric, watch)
@@ -75,32 +75,32 @@ class Matrices:
 
     @property
     def bulk_symmetric(self) -> bool:
-        """Whether the bulk blocks are symmetric: of a sum as they are now. Collective."""
+        """Whether the bulk blocks are symmetric; for a sum the present blocks. Collective."""
         if isinstance(self.tangent, Additive):
             return all(self.tangent.are_symmetric)
         self._ask()
         return all(self._are_symmetric)
 
     def assemble(self) -> None:
-        """The tangent for the bodies' and the contacts' present state. Collective."""
-        if not isinstance(self.tangent, Additive):  # which asks itself
+        """Assemble the tangent for the present state of bodies and contacts. Collective."""
+        if not isinstance(self.tangent, Additive):  # the sum checks this itself
             self._ask()
         self.tangent.assemble()
 
     def _ask(self) -> None:
-        """Find out whether blocks of linear bodies, which may be others, are symmetric."""
+        """Check whether blocks of linear bodies are symmetric, if they have changed."""
         for i, body in enumerate(self._bodies):
-            if body.linear and body.num_assemblies != self._asked[i]:  # a Constant is another one
+            if body.linear and body.num_assemblies != self._asked[i]:  # a Constant has changed
                 self._are_symmetric[i] = is_symmetric(body.matrix())
                 self._asked[i] = body.num_assemblies
 
     @property
     def matrix(self) -> PETSc.Mat:
-        """The tangent as the linear solver sees it."""
+        """The tangent as a matrix for the linear solver."""
         return self.tangent.matrix
 
     def destroy(self) -> None:
-        """Free the matrices; in parallel petsc4py would keep them. Collective."""
+        """Free the matrices, which petsc4py would keep in parallel. Collective."""
         self.tangent.destroy()
         if self.blocks is not None and self.blocks is not self.tangent:
             self.blocks.destroy()
@@ -115,15 +115,15 @@ class Matrices:
             self.set_near_nullspaces(self.matrix)
 
     def set_near_nullspace(self, i: int, block: PETSc.Mat) -> None:
-        """Rigid modes of body i on its block. Collective."""
+        """Set the rigid modes of body i on its block. Collective."""
         if self.rigid.modes[i]:
             set_near_nullspace(block, self.rigid.modes[i])
 
     def set_near_nullspaces(self, matrix: PETSc.Mat) -> None:
-        """Those of all bodies together on the AIJ matrix, if all have some. Collective."""
+        """Set the rigid modes of all bodies on the AIJ matrix, if all have modes. Collective."""
         if not all(self.rigid.modes):
             return
         gdim = self._bodies[0].V.mesh.geometry.dim
         if all(body.V.dofmap.index_map_bs == gdim for body in self._bodies):
-            matrix.setBlockSize(gdim)  # multigrid's
+            matrix.setBlockSize(gdim)  # for multigrid
         set_modes(matrix, np.hstack([rigid_modes(body) for body in self._bodies]))

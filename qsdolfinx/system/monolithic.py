@@ -1,4 +1,4 @@
-"""The tangent as one AIJ matrix: constant bulk inserted once, contact in the rows it touches."""
+"""The tangent as one AIJ matrix: constant bulk inserted once, contact added in its rows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Pair = tuple[int, int]
 
 
 class Mode(enum.IntEnum):
-    """What becomes of the entries that rows are put upon; as in cpp/tangent/rows.h."""
+    """How existing entries are changed by inserted rows; as in cpp/tangent/rows.h."""
 
     ZERO = 0
     INSERT = 1
@@ -32,13 +32,13 @@ class Mode(enum.IntEnum):
 
 
 class Monolithic:
-    """AIJ matrix of all bodies: bulk on the diagonal, contact's blocks added to it.
+    """AIJ matrix of all bodies: bulk on the diagonal, and contact blocks added to it.
 
-    Of a bulk block that has not changed only the rows that contact touches are put back.
+    If a bulk block has not changed, only its rows with contact are restored.
 
     Args:
         bodies: The bodies.
-        blocks: Contact's blocks, without bulk.
+        blocks: Contact blocks, without bulk.
         matrices: Bulk block of each body.
         watch: Counts the time for the stage "conversion".
     """
@@ -55,7 +55,7 @@ class Monolithic:
             self._numbers = numbering(matrices)
             self._all: list[Rows] = [np.arange(b.num_owned, dtype=np.int32) for b in bodies]
             counts = self._contact_counts()
-            #: Rows of each block of contact, and of each body in any of them.
+            #: Rows of each contact block, and rows of each body in any contact block.
             self._rows = {pair: _filled(count) for pair, count in counts.items()}
             self._touched = [self._rows_of(i) for i in range(len(bodies))]
             for i, matrix in enumerate(matrices):
@@ -66,7 +66,7 @@ class Monolithic:
                 self._put(matrix, (i, i), self._all[i], Mode.INSERT)
             self.matrix.assemble()
         forbid_allocation(self.matrix)
-        # Assembly of each body whose bulk the matrix has.
+        # Number of each body's assembly whose bulk is in the matrix.
         self._inserted: list[int | None] = [body.num_assemblies for body in bodies]
 
     def assemble(self) -> None:
@@ -98,7 +98,7 @@ class Monolithic:
         diagonal.destroy()
 
     def renew(self) -> None:
-        """Put back all of the bulk at the next assembly, without what was added to its diagonal."""
+        """Restore all of the bulk at the next assembly, without values added to its diagonal."""
         self._inserted = [None] * len(self._bodies)
 
     def destroy(self) -> None:
@@ -108,7 +108,7 @@ class Monolithic:
     # --- Rows of this rank
 
     def _part(self, i: int) -> slice:
-        """Where body i's unknowns are among those of this rank."""
+        """Positions of body i's unknowns among those of this rank."""
         start = sum(body.num_owned for body in self._bodies[:i])
         return slice(start, start + self._bodies[i].num_owned)
 
@@ -123,12 +123,12 @@ class Monolithic:
             self._put(block, pair, rows, mode)
 
     def _contact_counts(self) -> dict[Pair, Rows]:
-        """Number of entries in own and in other columns, by row of each block of contact."""
+        """Number of entries in own and in other columns, for each row of each contact block."""
         blocks = {pair: self._blocks.block(*pair) for pair in self._blocks.pairs}
         return {p: _cpp.count_entries(handle_of(b)) for p, b in blocks.items() if b is not None}
 
     def _rows_of(self, i: int) -> Rows:
-        """Rows of body i that contact touches."""
+        """Rows of body i with contact entries."""
         rows = [rows for (k, _), rows in self._rows.items() if k == i]
         return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.int32)
 
@@ -146,11 +146,12 @@ class Monolithic:
         limits = np.array([[size], [total - size]], dtype=PETSc.IntType)
         room = np.minimum(room, limits)
         matrix.setPreallocationNNZ((room[0], room[1]))
-        # On a rank without rows PETSc takes it for unset, and assembly would wait for the others.
+        # On a rank without rows, PETSc treats this option as unset, and assembly would wait for the
+        # others.
         matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, True)
         return matrix
 
 
 def _filled(counts: Rows) -> Rows:
-    """Rows with any entries."""
+    """Rows with at least one entry."""
     return np.flatnonzero(counts.sum(axis=0)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Rows of λ of one pass of a contact, a node each: pressure and gap, ties, a user's own law."""
+"""Constraints of λ at nodes: pressure and gap, ties, a user's law."""
 
 from __future__ import annotations
 
@@ -15,33 +15,36 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: c_n over the automatic penalty of the rows (5 E/h). In small sliding it has no influence over
-#: eight decades; where pairs change 0.1 to 1 fails at times.
+#: Factor c_n over the automatic penalty of the constraints (5 E/h). With small sliding it has no
+#: influence over eight decades; where contact pairs change, values from 0.1 to 1 sometimes fail.
 C_NORMAL = 1e-2
 
-#: Compliance of closed rows in the inexact derivative, over that of the penalty: where constraints
-#: are redundant, as of a node in two contacts with one plane, their multipliers change least.
+#: Compliance of active constraints in the inexact derivative, over that of the penalty. With it,
+#: redundant multipliers get the smallest change, such as those of a node in two contacts with one
+#: plane.
 PROXIMAL = 1e-10
 
-#: Penalty over the bodies' stiffness from which on the factors are of that, times this; and up to
-#: which they are, of an augmented Lagrangian.
+#: Limits of penalty over the stiffness of the bodies for the factors. Above the first, factors use
+#: the first limit times this stiffness in place of the penalty. With an augmented Lagrangian, they
+#: use the second limit times this stiffness below the second.
 USUAL, LEAST = 100.0, 5.0
 
 
 class Normal(typing.NamedTuple):
-    """Rows of λ at given unknowns.
+    """Constraints of λ at given unknowns.
 
     Attributes:
         multiplier: λ, stress, (multipliers, width).
-        gap: ḡ* = ḡ − λ/ε (length), (rows, width).
-        trial: y_n = λ + c_n ḡ* (stress), likewise.
-        image: What λ is where the constraints are met: [y_n]₊ (stress), likewise.
-        active: Rows with y_n > 0; all of a law of the whole jump.
-        pressure: Stress that makes forces at the rows of the gaps, (rows, width): λ, or at points
-            [λ_h + γ g]₊.
-        held: Components of λ that conditions hold on both sides; None if there are none anywhere.
-        means: λ̄ of these, of the same shape; 0 where they bear nothing.
-        bears: Of these those with λ̄ + c_n ḡ > 0, of the same shape.
+        gap: Gap ḡ* = ḡ − λ/ε (length), (rows, width).
+        trial: Trial value y_n = λ + c_n ḡ* (stress), (rows, width).
+        image: Value that λ has if the constraints are met: [y_n]₊ (stress), (rows, width).
+        active: Constraints with y_n > 0; all constraints for a law of the whole relative
+            displacement.
+        pressure: Stress from which the forces of the gaps are computed, (rows, width): λ, or at
+            points [λ_h + γ g]₊.
+        held: Components of λ that conditions constrain on both sides; None if no rank has any.
+        means: λ̄ of these components, of the same shape; 0 where they are inactive.
+        bears: Active ones of these components, with λ̄ + c_n ḡ > 0, of the same shape.
     """
 
     multiplier: Array
@@ -56,15 +59,16 @@ class Normal(typing.NamedTuple):
 
 
 class Scales(typing.NamedTuple):
-    """What rows are measured with.
+    """Scaling factors of constraints.
 
     Attributes:
-        penalty: ε of each row (stress per length).
-        usual: What factors of a penalty have in its place where it is far from usual, over it.
-        soft: The same for the least compliance that a linear solver should see.
-        stiffest: What turns gaps into stress of the stiffest body, (rows,).
-        compliance: 1/ε; 0 of an augmented Lagrangian, (rows,).
-        proximal: Compliance of closed rows in the inexact derivative, (rows,).
+        penalty: Penalty ε of each constraint (stress per length).
+        usual: Ratio of a usual penalty to the given penalty, used in factors if the latter is far
+            from usual.
+        soft: Such a ratio for the smallest compliance in the matrix of a linear solver.
+        stiffest: Factor from gaps to stress of the stiffest body, (rows,).
+        compliance: 1/ε; 0 for an augmented Lagrangian, (rows,).
+        proximal: Compliance of active constraints in the inexact derivative, (rows,).
     """
 
     penalty: Array
@@ -76,11 +80,11 @@ class Scales(typing.NamedTuple):
 
     @classmethod
     def of(cls, model: ContactModel, penalty: Array) -> Scales:
-        """Those of a contact's rows.
+        """Scaling factors of the constraints of a contact.
 
         Args:
             model: The contact.
-            penalty: ε of each row.
+            penalty: Penalty ε of each constraint.
         """
         exact, ratio = model.augmented, model.stiffness_ratio
         stiffest = max((k for k in model.penalty.stiffness if k < np.inf), default=0.0)
@@ -102,22 +106,22 @@ class Scales(typing.NamedTuple):
         return np.asarray(1 / (self.soft * self.penalty))
 
     def usual_compliance(self, closed: Flags) -> Array:
-        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        """Compliance missing in active constraints compared with the usual penalty, (rows,)."""
         return np.asarray(closed * np.maximum(self.softness - self.compliance, 0.0))
 
     def largest(self, *factors: Array) -> float:
-        """Largest factor that turns gaps into stress on this rank, of these and of the bodies."""
+        """Largest factor from gaps to stress on this rank, among given factors and the bodies."""
         return max(float(np.max(f, initial=0.0)) for f in (self.stiffest, *factors))
 
 
 class NormalRows(typing.Protocol):
-    """Rows of λ of a pass: of nodes, or of points.
+    """Constraints of λ of an integration side: at nodes, or at points.
 
     Attributes:
         model: The contact.
-        gap: The pass.
-        scales: What its rows are measured with.
-        num_multipliers: Unknowns on this rank.
+        gap: The integration side.
+        scales: Scaling factors of its constraints.
+        num_multipliers: Number of unknowns on this rank.
     """
 
     model: ContactModel
@@ -126,51 +130,51 @@ class NormalRows(typing.Protocol):
 
     @property
     def num_multipliers(self) -> int:
-        """Unknowns on this rank."""
+        """Number of unknowns on this rank."""
 
     def first(self) -> Array:
-        """Multipliers to begin with, of their shape. Collective."""
+        """First guess of the multipliers, in their shape. Collective."""
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
-        """The rows where gaps were evaluated last. Collective.
+        """Evaluate the constraints for the last evaluation of gaps. Collective.
 
         Args:
             multiplier: λ.
-            first: Whether what has been closed counts as closed.
-            opened: Rows that count as open; none by default.
+            first: Whether constraints that were active count as active.
+            opened: Constraints that count as inactive; none by default.
         """
 
     def residual(self, at: Normal) -> Array:
-        """R_λ, area times length, of the multipliers' shape. Collective."""
+        """Residual R_λ, area times length, in the shape of the multipliers. Collective."""
 
     def in_forces(self) -> Array:
-        """What makes forces of R_λ, (unknowns,)."""
+        """Factors from R_λ to forces, (unknowns,)."""
 
     def stress(self, at: Normal, forces: Array) -> Array:
         """Stress of forces by which complementarity is violated. Collective."""
 
     def open_gap(self, at: Normal) -> float:
-        """Gap (length) that multipliers are to close: the largest on this rank. Collective."""
+        """Largest gap (length) on this rank that multipliers have to close. Collective."""
 
     def known(self, multiplier: Array) -> Array:
-        """λ as the pass keeps it. Collective."""
+        """Convert λ to the format stored in the gap. Collective."""
 
     def keep(self, at: Normal) -> None:
-        """Let the pass know λ. Collective."""
+        """Store λ in the gap. Collective."""
 
     def softened(self, at: Normal) -> Array:
-        """What the inexact derivative has on its diagonal to be regular, (unknowns,)."""
+        """Diagonal terms that make the inexact derivative regular, (unknowns,)."""
 
     def rounding(self) -> float:
-        """Largest factor that turns gaps into stress on this rank."""
+        """Largest factor from gaps to stress on this rank."""
 
 
 class NodalRows:
-    """R_λ = W/c_n ([λ + c_n ḡ*]₊ − λ), ḡ* = ḡ − λ/ε; see :class:`ConstraintRows`.
+    """Constraints R_λ = W/c_n ([λ + c_n ḡ*]₊ − λ), ḡ* = ḡ − λ/ε; see :class:`ConstraintRows`.
 
     Args:
         model: The contact.
-        gap: The pass; its rows are nodes.
+        gap: The integration side; its constraints are at nodes.
     """
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
@@ -184,13 +188,13 @@ class NodalRows:
 
     @property
     def num_multipliers(self) -> int:
-        """One for each component of each row."""
+        """Number of unknowns: one for each component of each constraint."""
         return self.gap.num_rows * self._width
 
     def first(self) -> Array:
-        """What is known of the nodes, ε [ḡ]₊ where nothing is, where gaps were evaluated last."""
+        """First guess of λ: known values, and ε [ḡ]₊ of the last evaluation at other nodes."""
         known, law = self.gap.state.augmented, self.gap.law
-        with collective_errors(self.model.comm):  # a law may be the user's
+        with collective_errors(self.model.comm):  # a law may be user code
             new = 0.0 if law.jump else law.multiplier(self.gap.state.values, self.scales.penalty)
         return np.where(known == 0, new, known)
 
@@ -211,7 +215,7 @@ class NodalRows:
         return self._with_means(at)
 
     def _with_means(self, at: Normal) -> Normal:
-        """The same with what is held on both sides, and λ̄ there. Collective."""
+        """Add the components constrained on both sides, and their λ̄. Collective."""
         extension = self.gap.extension
         if extension is None:
             return at
@@ -225,8 +229,8 @@ class NodalRows:
         """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
 
         Args:
-            at: The rows.
-            numbers: Of the rows of λ in z, of its shape.
+            at: The evaluated constraints.
+            numbers: Numbers of λ in z, in the shape of λ.
         """
         extension = self.gap.extension
         assert extension is not None and at.bears is not None
@@ -246,16 +250,16 @@ class NodalRows:
         return np.where(at.held, held, rows)
 
     def in_forces(self) -> Array:
-        """c_n: forces are continuous where sets change."""
+        """Factors c_n, for which forces are continuous where active sets change."""
         return np.repeat(self._c, self._width)
 
     def stress(self, at: Normal, forces: Array) -> Array:
-        """That of closed gaps is ε ḡ*, or what they stand for in the stiffest body."""
+        """Stress of violated constraints; for active ones ε ḡ*, or that in the stiffest body."""
         factor = np.where(at.active, np.maximum(self.scales.stiffest / self._c, 1.0), 1.0)
         return np.asarray(forces / self.gap.weight[:, None] * factor[:, None])
 
     def open_gap(self, at: Normal) -> float:
-        """That of closed rows; none with a penalty."""
+        """Largest gap of active constraints; 0 with a penalty."""
         if not self.model.augmented:
             return 0.0
         gaps = np.where(at.active[:, None], np.abs(at.gap), 0.0)
@@ -264,7 +268,7 @@ class NodalRows:
         return float(np.max(gaps, initial=0.0))
 
     def known(self, multiplier: Array) -> Array:
-        """λ as the pass keeps it."""
+        """Multipliers λ, unchanged: the gap stores them in this format."""
         return multiplier
 
     def keep(self, at: Normal) -> None:
@@ -272,11 +276,11 @@ class NodalRows:
         self.gap.state.augmented = np.where(at.active[:, None], at.multiplier, 0.0)
 
     def derivative(self, at: Normal, exact: bool) -> tuple[Array, Array]:
-        """Derivatives of R_λ by ḡ (area), and by its own λ, (rows, width) each.
+        """Derivatives of R_λ by ḡ (area), and by λ of the same constraint, (rows, width) each.
 
         Args:
-            at: The rows.
-            exact: As of ``ConstraintRows.derivative``.
+            at: The evaluated constraints.
+            exact: As for ``ConstraintRows.derivative``.
         """
         weight, width = self.gap.weight, self._width
         by_gap, own = self._slopes(at)
@@ -289,7 +293,7 @@ class NodalRows:
         return by_gap, own
 
     def _slopes(self, at: Normal) -> tuple[Array, Array]:
-        """Of rows that nothing holds, (rows,) each. Collective."""
+        """Derivatives for constraints that are not redundant, (rows,) each. Collective."""
         weight, compliance = self.gap.weight, self.scales.compliance
         own = (weight / self._c) * (at.active * (1 - self._c * compliance) - 1)
         if self.gap.law.jump:
@@ -309,11 +313,11 @@ class NodalRows:
         return np.asarray(rows.ravel())
 
     def scale(self, at: Normal) -> Array:
-        """What makes forces of R_λ: c, or the usual penalty where rows are closed, (rows,)."""
+        """Factors from R_λ to forces: c, or the usual penalty if active, (rows,)."""
         return np.where(at.active, 1 / self.scales.softness, self._c)
 
     def usual_compliance(self, at: Normal) -> Array:
-        """What closed rows lack of the usual penalty's compliance, (rows,)."""
+        """Compliance missing in active constraints compared with the usual penalty, (rows,)."""
         return self.scales.usual_compliance(at.active)
 
     def rounding(self) -> float:
@@ -322,9 +326,9 @@ class NodalRows:
 
 
 class AugmentedLawRows(NodalRows):
-    """Rows of a user's law with multipliers: R_λ = W/ε (φ'(ḡ + λ/ε) − λ).
+    """Constraints of a user's law with multipliers: R_λ = W/ε (φ'(ḡ + λ/ε) − λ).
 
-    Arguments as of :class:`NodalRows`.
+    Arguments as for :class:`NodalRows`.
     """
 
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
@@ -334,7 +338,7 @@ class AugmentedLawRows(NodalRows):
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """See ``NormalRows``."""
         at = super().evaluate(multiplier, first, opened)
-        with collective_errors(self.model.comm):  # it is the user's
+        with collective_errors(self.model.comm):  # the law is user code
             image = self.gap.law.multiplier(at.trial / self._c[:, None], self._c)
         active = self._slope(at.trial) > 0
         if opened is not None:
@@ -342,13 +346,13 @@ class AugmentedLawRows(NodalRows):
         return at._replace(image=np.where(active[:, None], image, 0.0), active=active)
 
     def _slope(self, trial: Array) -> Array:
-        """φ'' (stress per length), (rows,). Collective."""
+        """Slope φ'' of the law (stress per length), (rows,). Collective."""
         shifted = np.asarray(trial / self._c[:, None], dtype=np.float64)
         with collective_errors(self.model.comm):
             return self.gap.law.slope(shifted, self._c, self.model.paired.touching)
 
     def _slopes(self, at: Normal) -> tuple[Array, Array]:
-        """Of rows that nothing holds, (rows,) each. Collective."""
+        """Derivatives for constraints that are not redundant, (rows,) each. Collective."""
         part = at.active * self._slope(at.trial) / self._c
         weight = self.gap.weight
         return np.asarray(weight * part), np.asarray(weight * (part - 1) / self._c)

@@ -1,4 +1,4 @@
-"""Numbers of all bodies' unknowns together: on each rank body 0, then body 1, and so on."""
+"""Common numbering of all bodies' unknowns: on each rank body 0, then body 1, and so on."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ Indices = npt.NDArray[np.int64]
 
 
 class Numbering(typing.NamedTuple):
-    """Of one body.
+    """Numbering of the unknowns of one body among those of all bodies.
 
     Attributes:
         ranges: The body's first number on every rank, and its size.
-        shifts: What is added to them on every rank.
+        shifts: Shift of the body's numbers on every rank.
     """
 
     ranges: Indices
     shifts: Indices
 
     def __call__(self, unknowns: Indices) -> Indices:
-        """Numbers among all bodies' unknowns of global unknowns of the body; -1 stays."""
+        """Convert global unknowns of the body to numbers among all bodies; -1 stays -1."""
         owner = np.searchsorted(self.ranges, unknowns, side="right") - 1
         return np.where(unknowns < 0, -1, unknowns + self.shifts[owner])
 
 
 def numbering(matrices: typing.Sequence[PETSc.Mat]) -> list[Numbering]:
-    """Of each body, from its matrix. Collective."""
+    """Numbering of each body, from its matrix. Collective."""
     ranges = [matrix.getOwnershipRanges().astype(np.int64) for matrix in matrices]
     sizes = np.array([np.diff(r) for r in ranges])
     starts = np.append(0, np.cumsum(sizes.sum(axis=0)))[:-1]

@@ -1,7 +1,8 @@
-"""Forms that FFCx (seen with 0.9) makes wrong kernels of: one quadrature point beside several.
+"""Detect forms for which FFCx (seen with 0.9) generates wrong kernels (one-point rules).
 
-What has one value with the single point of one rule, a kernel uses for the points of the other rule
-too, and rules of the same degree are taken for the same: residuals are off by percents, in silence.
+If integrals combine a one-point rule with other quadrature rules, the kernel uses values at the
+single point also for the points of the other rule. Different rules of the same degree are treated
+as equal. Residuals then have errors of some percent, without a warning.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ _ONE_POINT = 1
 
 
 def mixes_one_point(form: ufl.Form) -> bool:
-    """Whether integrals over the same cells or facets have both rules of one point and others."""
+    """Whether integrals over the same cells or facets combine one-point rules with others."""
     named = ("quadrature_degree", "quadrature_rule")
     if not any(name in each.metadata() for each in form.integrals() for name in named):
-        return False  # one rule, which is estimated, for all of them
-    # As FFCx does: it estimates what is not named, and brings together what belongs together.
+        return False  # one rule, with estimated degree, for all integrals
+    # As in FFCx: it estimates missing degrees, and groups integrals by domain.
     data = compute_form_data(
         form,
         do_apply_function_pullbacks=True,
@@ -44,5 +45,5 @@ def _mixes(integrals: list[ufl.Integral]) -> bool:
 
 
 def _degree(metadata: dict[str, typing.Any]) -> int:
-    """The one that is named, or as estimated."""
+    """Given quadrature degree, or else the estimated one."""
     return int(np.max(metadata.get("quadrature_degree", metadata["estimated_polynomial_degree"])))

@@ -1,4 +1,4 @@
-"""Passes of contacts with their constraints, and what an evaluation finds of all of them."""
+"""Integration sides of contacts with their constraints, and the state of an evaluation."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Array = npt.NDArray[np.float64]
 
 
 class Pass(typing.NamedTuple):
-    """One pass of a contact and its constraints.
+    """One integration side of a contact and its constraints.
 
     Attributes:
         model: The contact.
-        bodies: Of the side with multipliers and of the other one; None of a rigid tool.
+        bodies: Body of the side with multipliers, and of the other side; None for a rigid tool.
         rows: Its constraints.
-        tool: Number of the driven tool that it presses on; None if there is none.
+        tool: Number of the force-controlled tool in contact; None if there is none.
     """
 
     model: ContactModel
@@ -32,7 +32,7 @@ class Pass(typing.NamedTuple):
 
     @property
     def gap(self) -> WeightedGap:
-        """The pass itself."""
+        """Its weighted gap."""
         return self.rows.gap
 
     @property
@@ -42,16 +42,16 @@ class Pass(typing.NamedTuple):
 
 
 class State(typing.NamedTuple):
-    """What the last evaluation has found.
+    """Results of the last evaluation.
 
     Attributes:
         z: Unknowns of this rank.
         bulk: Residual of the bulk forms with conditions, owned unknowns.
-        contact: Forces of contact on the owned unknowns, with reactions of conditions.
-        passes: Constraints of each pass.
-        constraints: R_λ and R_τ of all passes: where gaps follow the bodies, the points of another
-            evaluation are others.
-        tools: Σ (∂ḡ/∂s · S λ + ∂g/∂s · S τ) − force of each driven tool (force).
+        contact: Contact forces on the owned unknowns, including constrained ones (reactions).
+        passes: Constraints of each integration side.
+        constraints: R_λ and R_τ of all integration sides. They are stored since with updated
+            geometry the points change with each evaluation.
+        tools: Σ (∂ḡ/∂s · S λ + ∂g/∂s · S τ) − force of each force-controlled tool (force).
     """
 
     z: Array

@@ -1,4 +1,4 @@
-"""Rigid body modes: what holds a body, and the near-nullspace for algebraic multigrid."""
+"""Rigid body modes: free rigid motions, and the near-nullspace for algebraic multigrid."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Array = npt.NDArray[np.float64]
 
 
 def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
-    """V itself or the first sub-space that is a vector field with unknowns at the vertices.
+    """V itself, or the first sub-space that is a vector field with unknowns at the vertices.
 
-    Or V itself if it is a scalar one.
+    The result is also V if V is a scalar space.
     """
     if is_vertex_vector(V) or is_vertex_scalar(V):
         return V
@@ -35,10 +35,10 @@ def displacement_space(V: fem.FunctionSpace) -> fem.FunctionSpace | None:
 def rigid_modes(body: Body) -> Array:
     """Translations and linearised rotations about the origin, shape (modes, owned unknowns).
 
-    Of a scalar field the one that is 1 everywhere.
+    For a scalar field, the only mode is 1 everywhere.
 
-    Interpolated, so that they are exact at all nodes: edges, and the bubbles of enriched elements.
-    There are no modes where the body has no displacement space.
+    Modes are interpolated, so that they are exact at all nodes: also on edges, and for the bubbles
+    of enriched elements. A body without a displacement space has no modes.
     """
     V, gdim, u = body.V, body.V.mesh.geometry.dim, fem.Function(body.V)
     if is_vertex_scalar(V):
@@ -50,7 +50,7 @@ def rigid_modes(body: Body) -> Array:
         return np.zeros((0, body.num_owned))
     count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
     modes = np.zeros((count, body.num_owned))
-    fields: list[Array] = []  # at the points of interpolation, the same for all modes
+    fields: list[Array] = []  # at the interpolation points, computed once for all modes
 
     def field(x: Array, k: int) -> Array:
         if not fields:
@@ -67,7 +67,7 @@ class RigidMotion:
     """Rigid modes of all bodies, and the motions that Dirichlet conditions leave free.
 
     Args:
-        bodies: The bodies. One without a displacement space counts as held.
+        bodies: The bodies. A body without a displacement space counts as constrained.
     """
 
     def __init__(self, bodies: typing.Sequence[Body]) -> None:
@@ -103,11 +103,11 @@ class RigidMotion:
         return np.asarray(self._comm.allreduce(np.array(local), op=MPI.SUM))
 
     def gap_changes(self, weighted_gap: WeightedGap, sides: tuple[int | None, ...]) -> Array:
-        """How the modes change weighted gaps, shape (values of the gaps, modes). Collective.
+        """Changes of weighted gaps by the modes, shape (values of the gaps, modes). Collective.
 
         Args:
-            weighted_gap: A pass of a contact.
-            sides: Bodies of its slave and its master, None of a rigid one.
+            weighted_gap: Gap of an integration side of a contact.
+            sides: Bodies of its slave and its master; None for a rigid tool.
         """
         out = np.zeros((weighted_gap.state.values.size, self._offsets[-1]))
         for body in {side for side in sides if side is not None}:
@@ -130,9 +130,10 @@ class RigidMotion:
 
 
 def _null_space(gram: Array) -> Array:
-    """Basis of the motions with no product, given the products of the modes.
+    """Basis of the null space of a Gram matrix of modes: motions with zero products.
 
-    Scaled to a unit diagonal: a small surface holds a large body as well.
+    The Gram matrix is scaled to a unit diagonal, since a small surface constrains a large body,
+        too.
     """
     diagonal = np.diag(gram)
     scale = np.where(diagonal > 1e-30, 1 / np.sqrt(np.maximum(diagonal, 1e-30)), 1.0)
@@ -142,17 +143,17 @@ def _null_space(gram: Array) -> Array:
 
 
 def vector(body: Body, values: Array) -> PETSc.Vec:
-    """Vector of a body with these owned values. Collective."""
+    """New vector of a body with given owned values. Collective."""
     out = body.create_vec()
     out.array[:] = values
     return out
 
 
 def orthonormal(vecs: list[PETSc.Vec]) -> list[PETSc.Vec]:
-    """Orthonormalise vectors in place: Gram-Schmidt, twice.
+    """Orthonormalise vectors in place by the Gram-Schmidt method, applied twice.
 
-    Once, as by ``dolfinx.la.orthonormalize``, leaves rounding errors far from the origin, and that
-    function refuses the rotations of a body of some nanometres in metres.
+    A single application, as in ``dolfinx.la.orthonormalize``, leaves rounding errors far from the
+    origin. That function also fails for rotations of a body of some nanometres, given in metres.
     """
     for k, vec in enumerate(vecs):
         for other in (*vecs[:k], *vecs[:k]):
@@ -162,14 +163,14 @@ def orthonormal(vecs: list[PETSc.Vec]) -> list[PETSc.Vec]:
 
 
 def set_near_nullspace(mat: PETSc.Mat, vecs: list[PETSc.Vec]) -> None:
-    """Hand orthonormal rigid modes to a matrix. Collective."""
+    """Set orthonormal rigid modes as near-nullspace of a matrix. Collective."""
     space = PETSc.NullSpace().create(vectors=vecs, comm=mat.comm)
     mat.setNearNullSpace(space)
     space.destroy()
 
 
 def set_modes(mat: PETSc.Mat, modes: Array) -> None:
-    """Orthonormalise rigid modes, shape (modes, owned unknowns), for a matrix. Collective."""
+    """Orthonormalise and set rigid modes of a matrix, (modes, owned unknowns). Collective."""
     vecs = [mat.createVecRight() for _ in modes]
     for vec, mode in zip(vecs, modes, strict=True):
         vec.array[:] = mode

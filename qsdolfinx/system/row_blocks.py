@@ -1,4 +1,4 @@
-"""Blocks of the rows of a node in the tangent: what multipliers do to them."""
+"""Blocks of the multiplier rows in the tangent, for each node or point."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ Indices = npt.NDArray[np.int64]
 
 
 class RowBlocks:
-    """C_γ of the rows of all passes, see ``linear/saddle.py``, and what they are scaled with.
+    """C_γ of the rows of all integration sides, see ``linear/saddle.py``, and their scaling.
 
     Rows are scaled to forces, those of closed gaps by the usual penalty, so that one tolerance is
-    for all. C_γ is the derivative of rows by multipliers where closed rows have at least the
-    compliance of the usual penalty, without what couples nodes that conditions hold. At points gaps
-    make forces themselves, and C_γ is lumped.
+    valid for all. C_γ is the derivative of rows by multipliers, with at least the compliance of the
+    usual penalty in active constraints, and without the coupling of nodes constrained by
+    conditions. At points, forces follow from gaps, and C_γ is lumped.
 
-    On the edge of contact |τ| is what closes the gap: C has nothing of it. There C_γ has |τ| as of
-    open rows, and nothing of what the row's λ does to τ.
+    On the edge of contact, |τ| is determined by the gap: C does not contain this. There, C_γ treats
+    |τ| as for inactive constraints, without the derivative of τ's row by λ.
 
     Args:
         equations: The equations.
@@ -47,7 +47,7 @@ class RowBlocks:
         self._tools = len(equations.tools)
 
     def take(self, at: State) -> None:
-        """Those of an evaluation."""
+        """Compute the blocks of an evaluation."""
         both = zip(self._passes, at.passes, strict=True)
         self._of = [
             _PassBlocks(p, e) if p.rows.condensed_friction is None else _PointBlocks(p, e)
@@ -56,13 +56,13 @@ class RowBlocks:
 
     @property
     def scale(self) -> Array:
-        """What the rows of multipliers, and of tools, on this rank are multiplied with."""
+        """Scaling factors of the rows of multipliers, and of tools, on this rank."""
         parts = [of.scale for of in self._of]
         return np.concatenate([*parts, np.ones(self._tools if self._is_first else 0)])
 
     @property
     def is_condensed(self) -> bool:
-        """Whether C_γ is C on this rank: closed rows have a compliance, and none is held."""
+        """Whether C_γ is C on this rank: active constraints compliant, none redundant."""
         return all(of.is_condensed for of in self._of)
 
     @property
@@ -74,16 +74,16 @@ class RowBlocks:
         return out.digest()
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        """Of S = −F C_γ⁻¹ D the blocks of passes and slips."""
+        """Blocks of S = −F C_γ⁻¹ D for gaps and slips."""
         return [pair for of in self._of if isinstance(of, _PassBlocks) for pair in of.stiffness()]
 
     @property
     def num_rows(self) -> int:
-        """Rows of multipliers on this rank."""
+        """Number of rows of multipliers on this rank."""
         return int(self._ends[-1])
 
     def inverse(self) -> Entries:
-        """Of C_γ⁻¹ times the scale, as :meth:`condensed` has it, in the numbers of this rank."""
+        """Entries of C_γ⁻¹ times the scale, as in :meth:`condensed`, numbered on this rank."""
         parts = []
         for of, start in zip(self._of, self._ends, strict=False):
             part = of.inverse()
@@ -97,17 +97,17 @@ class RowBlocks:
         return self._each("solve", r)
 
     def condensed(self, rows: Array) -> Array:
-        """−C_γ⁻¹ times rows as bodies and tools move, but for slips at points."""
+        """Product −C_γ⁻¹ times changes of rows by bodies and tools, except for slips at points."""
         return self._each("condensed", rows)
 
     def _each(self, name: str, values: Array) -> Array:
-        """Of each pass what its method of this name makes of its part."""
+        """Apply the method of this name of each integration side to its part."""
         pairs = zip(self._of, np.split(values, self._ends[1:-1]), strict=True)
         return np.concatenate([np.zeros(0), *(getattr(of, name)(part) for of, part in pairs)])
 
 
 class _NodalBlocks:
-    """Of rows of λ at nodes."""
+    """Blocks of constraints of λ at nodes."""
 
     def __init__(self, rows: NodalRows, at: Normal) -> None:
         self._rows, self._at = rows, at
@@ -120,9 +120,9 @@ class _NodalBlocks:
         self._regular: Array = self._own - (self._scale * self._weight * soft)[:, None] * hard
         #: Whether C_γ is C.
         self.is_condensed = at.held is None and not bool(np.any(soft))
-        #: What the rows are multiplied with.
+        #: Scaling factors of the rows.
         self.scale = np.repeat(self._scale, by_gap.shape[1])
-        #: What changes from iteration to iteration.
+        #: Arrays that change from iteration to iteration.
         self.changing: list[Array] = [self._by_gap, self._own]
 
     def solve(self, r: Array) -> Array:
@@ -134,14 +134,14 @@ class _NodalBlocks:
         return _diagonal(1 / self._regular)
 
     def stiffness(self) -> Array:
-        """Of S, (rows, width)."""
+        """Blocks of S, (rows, width)."""
         return np.asarray(-self._weight[:, None] * self._by_gap / self._regular)
 
 
 class _CondensedBlocks:
-    """Of rows of λ whose gaps make forces themselves.
+    """Blocks of constraints whose forces follow from gaps.
 
-    With multipliers of points C_γ is lumped, with the compliance 1/γ where points are closed.
+    With multipliers of points, C_γ is lumped, with the compliance 1/γ at active points.
     """
 
     def __init__(self, rows: CondensedRows, at: Normal) -> None:
@@ -154,9 +154,9 @@ class _CondensedBlocks:
         compliant = 1 + part * (1 - part)
         closed = rows.gathered(np.asarray(stiffness[:, 0] / rows.gamma))[:, :1]
         self._regular: Array = compliant * closed + part * np.maximum(areas - closed, 0.0)
-        #: What the rows are multiplied with.
+        #: Scaling factors of the rows.
         self.scale = rows.gamma * np.ones(rows.num_multipliers)
-        #: What changes from iteration to iteration.
+        #: Arrays that change from iteration to iteration.
         self.changing: list[Array] = [self._own]
 
     def solve(self, r: Array) -> Array:
@@ -168,17 +168,17 @@ class _CondensedBlocks:
         return _diagonal(-1 / self._regular)
 
     def stiffness(self) -> Array:
-        """Of S, (rows, width)."""
+        """Blocks of S, (rows, width)."""
         return self._own
 
 
 class _SlipBlocks:
-    """Of rows of τ."""
+    """Blocks of constraints of τ."""
 
     def __init__(self, rows: FrictionRows, at: Tangential) -> None:
         by, scale, slip = rows.derivative(at, False), rows.scale(at), rows.slip
         gdim, weight, soft = by.by_slip.shape[1], slip.weight, rows.usual_compliance(at)
-        #: What the rows are multiplied with.
+        #: Scaling factors of the rows.
         self.scale = np.repeat(scale, gdim)
         self.projector: Array = slip.projector * weight[:, None, None]
         self.by_slip: Array = scale[:, None, None] * (by.by_slip @ slip.projector)
@@ -186,22 +186,22 @@ class _SlipBlocks:
         self.by_pressure: Array = scale[:, None] * by.by_pressure
         self.by_trial = None if by.by_trial is None else scale[:, None] * by.by_trial
         edge = np.zeros(len(scale), dtype=bool) if at.filled is None else at.filled.edge
-        #: What of that is in C_γ.
+        #: Part of the derivative by pressure that is in C_γ.
         self.known_by_pressure: Array = np.where(edge[:, None], 0.0, self.by_pressure)
         softened = (scale * weight * soft)[:, None, None] * np.eye(gdim)
-        if at.filled is not None and edge.any():  # whose scale is c_t
+        if at.filled is not None and edge.any():  # their scale is c_t
             softened = softened + weight[:, None, None] * at.filled.by_multiplier
         self.inverse: Array = np.asarray(np.linalg.inv(self.by_own - softened))
         #: Whether C_γ is C.
         self.is_condensed = not (bool(np.any(soft)) or bool(edge.any()))
-        #: What changes from iteration to iteration.
+        #: Arrays that change from iteration to iteration.
         self.changing: list[Array] = [self.by_slip, self.by_own, self.by_pressure]
         if self.by_trial is not None:
             self.changing.append(self.by_trial)
 
 
 class _PointBlocks:
-    """Those of a pass with friction at points, where it was evaluated."""
+    """Blocks of an integration side with friction at points, for an evaluation."""
 
     def __init__(self, p: Pass, at: Evaluated) -> None:
         rows, friction = p.rows.condensed, p.rows.condensed_friction
@@ -220,12 +220,12 @@ class _PointBlocks:
 
     @property
     def scale(self) -> Array:
-        """What the rows are multiplied with."""
+        """Scaling factors of the rows."""
         own = np.full(self._friction.shape[0], self._friction.gamma)
         return np.concatenate([self._normal.scale, own])
 
     def add_to(self, digest: typing.Any) -> None:
-        """Add all that may change."""
+        """Add all arrays that may change to a digest."""
         for array in (*self._normal.changing, self._by_slip, self._by_pressure):
             digest.update(np.ascontiguousarray(array))
 
@@ -239,11 +239,11 @@ class _PointBlocks:
         return _joined(self._normal.solve(normal), -tangential / self._areas)
 
     def condensed(self, rows: Array) -> Array:
-        """−C_γ⁻¹ times rows as bodies and tools move."""
+        """Product −C_γ⁻¹ times changes of rows by bodies and tools."""
         return -self.solve(rows)
 
     def inverse(self) -> Entries:
-        """Of C_γ⁻¹, in the numbers of this pass."""
+        """Entries of C_γ⁻¹, numbered within this integration side."""
         of_slips = _diagonal(-1 / self._areas)
         first = self._p.rows.num_multipliers
         moved = of_slips._replace(row=first + of_slips.row, column=first + of_slips.column)
@@ -251,7 +251,7 @@ class _PointBlocks:
 
 
 class _PassBlocks:
-    """Those of one pass, where it was evaluated."""
+    """Blocks of one integration side, for an evaluation."""
 
     def __init__(self, p: Pass, at: Evaluated) -> None:
         self._p, rows = p, p.rows
@@ -276,17 +276,17 @@ class _PassBlocks:
 
     @property
     def scale(self) -> Array:
-        """What the rows are multiplied with."""
+        """Scaling factors of the rows."""
         return np.concatenate([part.scale for part in self._parts])
 
     def add_to(self, digest: typing.Any) -> None:
-        """Add all that may change."""
+        """Add all arrays that may change to a digest."""
         for part in self._parts:
             for array in part.changing:
                 digest.update(np.ascontiguousarray(array))
 
     def _split(self, values: Array, count: int) -> tuple[Array, Array]:
-        """Normal parts, of this count, and tangential ones; the latter are empty without."""
+        """Split values into normal parts, of a given count, and tangential parts (maybe empty)."""
         width, friction = self._p.rows.width, self._p.rows.friction
         normal = values[:count].reshape(count // width, width)
         shape = (0, 0) if friction is None else friction.shape
@@ -306,11 +306,11 @@ class _PassBlocks:
         return _joined(out, _times(slip.inverse, tangential))
 
     def condensed(self, rows: Array) -> Array:
-        """−C_γ⁻¹ times rows as bodies and tools move."""
+        """Product −C_γ⁻¹ times changes of rows by bodies and tools."""
         return -self.solve(rows)
 
     def inverse(self) -> Entries:
-        """Of C_γ⁻¹, in the numbers of this pass."""
+        """Entries of C_γ⁻¹, numbered within this integration side."""
         found, slip = [self._normal.inverse()], self._slip
         if slip is None:
             return found[0]
@@ -325,7 +325,7 @@ class _PassBlocks:
         return joined(found)
 
     def stiffness(self) -> list[tuple[WeightedGap | Slip, Weights]]:
-        """Of S the blocks of pass and slip."""
+        """Blocks of S for gap and slip."""
         own, slip = self._normal.stiffness(), self._slip
         found: list[tuple[WeightedGap | Slip, Weights]] = [(self._p.gap, own)]
         if slip is not None:

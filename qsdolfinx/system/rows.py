@@ -1,4 +1,4 @@
-"""Rows of a body's residual that have one unit: forces, and constraints such as ∇·v = 0."""
+"""Groups of residual rows with the same unit: forces, and constraints such as ∇·v = 0."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Indices = npt.NDArray[np.int32]
 
 
 def groups(V: fem.FunctionSpace) -> list[Indices]:
-    """Owned unknowns of each part of a mixed space, first those that are displacements.
+    """Owned unknowns of each part of a mixed space, displacements first.
 
-    Of a space that is not mixed they are all in one group.
+    In a space that is not mixed, all unknowns are in one group.
     """
     owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
     if V.num_sub_spaces == 0 or V.dofmap.bs > 1:

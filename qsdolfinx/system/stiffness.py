@@ -1,4 +1,4 @@
-"""Stiffness of the bodies where they touch, and the automatic penalties that follow from it."""
+"""Stiffness of the bodies at contact surfaces, and automatic penalties computed from it."""
 
 from __future__ import annotations
 
@@ -27,18 +27,19 @@ def measure(
     bulk: typing.Sequence[PETSc.Mat],
     form: Form,
 ) -> list[float]:
-    """Tell the contacts their bodies' stiffness, which sets automatic penalties. Collective.
+    """Set the stiffness of their bodies, and automatic penalties, in contacts. Collective.
 
     Args:
         bodies: The bodies.
-        contacts: Contacts, paired.
+        contacts: Contacts after contact detection.
         sides: Bodies of each contact.
         scales: Displacement per unknown of each body.
         bulk: Bulk block of each body.
-        form: What the linear solver sees.
+        form: Matrix format for the linear solver.
 
     Returns:
-        E of each contact (stress), of both sides in series; 0 where neither resists.
+        Modulus E of each contact (stress), of both sides in series; 0 where neither side has free
+        unknowns.
     """
     markers = [body.constrained_marker() for body in bodies]
     moduli = []

@@ -1,4 +1,4 @@
-"""A matrix that is a sum and never formed: blocks of bodies on the diagonal, and contact."""
+"""An unassembled sum as a matrix: blocks of bodies on the diagonal, and contact."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Array = npt.NDArray[np.float64]
 
 
 class Sum:
-    """Matrix that can be multiplied and has a diagonal, which is all multigrid asks for.
+    """Matrix with products and a diagonal only, which is all that multigrid needs.
 
     Args:
-        bodies: Block of each body, and whether it stays.
-        contact: What couples all bodies.
-        symmetric: For each body a matrix that has the same products, and is symmetric, or None.
+        bodies: Block of each body, and whether it is constant.
+        contact: Contact matrix, which couples all bodies.
+        symmetric: For each body a symmetric matrix with the same products, or None.
     """
 
     def __init__(
@@ -34,9 +34,9 @@ class Sum:
         self.contact = contact
         sizes = [K.getLocalSize()[0] for K, _ in bodies]
         ends = np.cumsum(sizes)
-        #: Where each body's unknowns are among those of this rank.
+        #: Positions of each body's unknowns among those of this rank.
         self.parts = [slice(e - size, e) for e, size in zip(ends, sizes, strict=True)]
-        #: For each body a matrix that has the same products, and is symmetric, or None; may change.
+        #: For each body a symmetric matrix with the same products, or None; it may change.
         self.symmetric = list(symmetric)
         self._product = _Product(self.bodies, self.parts, contact, self.symmetric)
         self.matrix: PETSc.Mat = PETSc.Mat().createPython(
@@ -46,24 +46,24 @@ class Sum:
 
     @property
     def shift(self) -> Array | None:
-        """Owned values on top of the diagonal, None for zeros."""
+        """Owned values added to the diagonal; None for zeros."""
         return self._product.shift
 
     def renew(self, shift: Array | None = None) -> None:
-        """Say that the terms have changed. Collective.
+        """Update the sum after a change of its terms. Collective.
 
         Args:
-            shift: Owned values on top of the diagonal.
+            shift: Owned values added to the diagonal.
         """
         self._product.shift = shift
-        self.matrix.assemble()  # its state tells solvers that it is another
+        self.matrix.assemble()  # its new object state tells solvers that it has changed
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write to y the product of x and the sum without contact. Collective."""
         self._product.multiply_bodies(x, y, PETSc.Mat.mult)
 
     def weighted_diagonal(self, weight: float) -> PETSc.Vec:
-        """New vector, the diagonal with contact's part of it times a weight. Collective."""
+        """New vector with the diagonal, in which the part of contact is weighted. Collective."""
         diagonal, contact = self.matrix.getDiagonal(), self.contact.diagonal()
         diagonal.axpy(weight - 1, contact)
         contact.destroy()
@@ -89,7 +89,7 @@ class Sum:
 
 
 class _Product:
-    """What PETSc calls for the sum of bodies and contact."""
+    """Python context of PETSc's shell matrix for the sum of bodies and contact."""
 
     def __init__(
         self,
@@ -104,7 +104,7 @@ class _Product:
             (K, part, K.createVecRight(), K.createVecLeft())
             for (K, _), part in zip(bodies, parts, strict=True)
         ]
-        #: Owned values on top of the diagonal.
+        #: Owned values added to the diagonal.
         self.shift: Array | None = None
 
     @passing()
@@ -143,7 +143,7 @@ class _Product:
             diagonal.array[:] += self.shift
 
     def destroy(self, _: PETSc.Mat) -> None:
-        """PETSc has freed the matrix."""
+        """Free work vectors, after PETSc has freed the matrix."""
         for _K, _part, xi, yi in self._bodies:
             xi.destroy()
             yi.destroy()

@@ -25,12 +25,12 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Part of a motion's amplitude in a body that is none of it.
+#: Part of a motion's amplitude below which a body does not take part in the motion.
 NOT_IN_IT = 1e-8
 
 
 def _is_driven(contact: ContactModel) -> bool:
-    """Whether a force moves its tool."""
+    """Whether the contact has a force-controlled tool."""
     tool = as_tool(contact.master)
     return tool is not None and tool.driven is not None
 
@@ -42,8 +42,8 @@ class ContactSystem:
 
     Args:
         bodies: The bodies.
-        contacts: Contacts between them, as solvers see them.
-        form: What the linear solver sees.
+        contacts: Contacts between them, as used by solvers.
+        form: Matrix format for the linear solver.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class ContactSystem:
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
                 body.matrix_type = PETSc.Mat.Type.BAIJ
-        #: Wall time that this rank has spent in conversion and in the solver.
+        #: Wall time of this rank in conversion and in the solver.
         self.watch = Stopwatch()
         self._ends = np.cumsum([body.num_owned for body in self.bodies])
         self._made: Matrices | None = None
@@ -82,13 +82,13 @@ class ContactSystem:
         self._scales: list[float] = []
         self._assembled: list[object] | None = None
         self._assembled_at: list[object] = []
-        #: E of each contact (stress), when matrices were last made.
+        #: Modulus E of each contact (stress), when matrices were last made.
         self.moduli: list[float] = []
         #: Owned unknowns at the last evaluation.
         self.evaluated: Array = np.zeros(0)
-        #: Residual of the bulk forms there, owned unknowns of each body.
+        #: Residual of the bulk forms at the last evaluation, owned unknowns of each body.
         self.bulk_residuals: list[Array] = []
-        #: The whole residual there, owned rows of each body.
+        #: Total residual at the last evaluation, owned rows of each body.
         self.residuals: list[Array] = []
         sizes = self._ends[-1], PETSc.DETERMINE
         self._x: PETSc.Vec = PETSc.Vec().createMPI(sizes, comm=self.comm)
@@ -113,7 +113,7 @@ class ContactSystem:
 
     @property
     def unknowns(self) -> list[str]:
-        """``"displacement"`` or ``"velocity"``, for each body, as its contacts say."""
+        """Unknowns of each body, set by its contacts: ``"displacement"`` or ``"velocity"``."""
         return self._of_bodies(
             "displacement", [contact.kinematics.unknown for contact in self.contacts]
         )
@@ -124,11 +124,11 @@ class ContactSystem:
         return self._of_bodies(1.0, [contact.kinematics.scale for contact in self.contacts])
 
     def _of_bodies(self, default: typing.Any, of_contacts: list[typing.Any]) -> list[typing.Any]:
-        """What the contacts say of their two bodies, for each body."""
+        """Values that contacts give for their two bodies, sorted by body."""
         out = [default] * len(self.bodies)
         for contact, sides, values in zip(self.contacts, self.sides, of_contacts, strict=True):
             if contact.is_scalar:
-                continue  # a field on a body says nothing of how it moves
+                continue  # a field on a body does not determine its motion
             for i, value in zip(sides, values, strict=True):
                 if i is not None:
                     out[i] = value
@@ -142,7 +142,7 @@ class ContactSystem:
 
     @property
     def gaps(self) -> list[WeightedGap]:
-        """Gaps of the passes of all contacts."""
+        """Gaps of all contacts."""
         return [gap for contact in self.contacts for gap in contact.gaps]
 
     @property
@@ -152,17 +152,17 @@ class ContactSystem:
 
     @property
     def linear(self) -> bool:
-        """Whether all bodies are linear, and gaps as long as the active set stays."""
+        """Whether all bodies and gaps are linear as long as the active set does not change."""
         bodies = all(body.linear for body in self.bodies)
         return bodies and all(contact.is_linear for contact in self.contacts)
 
     def have_vertices_changed(self) -> bool:
-        """Choose anew which vertices have points of their own; whether others have. Collective."""
+        """Update which vertices have their own points; return whether they change. Collective."""
         return any([gap.choose_vertices() for gap in self.gaps])
 
     @property
     def free_bodies(self) -> list[int]:
-        """Numbers of the bodies that no condition holds along some rigid motion."""
+        """Numbers of the bodies with a rigid motion that no condition prevents."""
         rigid = self.made.rigid
         ends = np.cumsum([0, *(len(modes) for modes in rigid.modes)])
         motions = rigid.free_motions
@@ -170,7 +170,7 @@ class ContactSystem:
         return [i for i, size in enumerate(free) if size > NOT_IN_IT]
 
     def fits_pattern(self) -> bool:
-        """Whether matrices have room for contact where the bodies are now. Collective."""
+        """Whether the patterns of matrices contain contact at present positions. Collective."""
         following = [gap for c in self.contacts if c.follows for gap in c.gaps]
         if not following:
             return True
@@ -178,13 +178,13 @@ class ContactSystem:
         return bool(self.comm.allreduce(fits, op=MPI.LAND))
 
     def num_active_local(self) -> list[int]:
-        """Closed rows of each contact on this rank at the last evaluation."""
+        """Number of active constraints of each contact on this rank at the last evaluation."""
         return [active_set.num_closed(contact) for contact in self.contacts]
 
     def num_paired(self) -> int:
-        """Nodes, over all ranks, that anything is opposite to at the last evaluation. Collective.
+        """Number of paired nodes of all ranks at the last evaluation. Collective.
 
-        Of contacts that follow the bodies.
+        Only contacts with finite sliding are counted.
         """
         gaps = [gap for contact in self.contacts if contact.follows for gap in contact.gaps]
         if not gaps:
@@ -193,29 +193,29 @@ class ContactSystem:
         return int(self.comm.allreduce(found, op=MPI.SUM))
 
     def part(self, array: Array, i: int) -> Array:
-        """The part of an array of owned unknowns that is body i's."""
+        """Part of an array of owned unknowns that belongs to body i."""
         return array[self._ends[i] - self.bodies[i].num_owned : self._ends[i]]
 
     def parts(self, array: Array) -> list[Array]:
-        """The parts of all bodies."""
+        """Parts of an array of owned unknowns for all bodies."""
         return [self.part(array, i) for i in range(len(self.bodies))]
 
     def norm(self, owned: Array) -> float:
-        """2-norm of a vector whose owned values these are. Collective."""
+        """2-norm of a vector given by its owned values. Collective."""
         return float(np.sqrt(self.comm.allreduce(owned @ owned, op=MPI.SUM)))
 
     # --- Matrices
 
     @property
     def made(self) -> Matrices:
-        """Matrices for the present pairing; see :meth:`rebuild`."""
+        """Matrices for the present contact pairs; see :meth:`rebuild`."""
         self.check_alive()
         assert self._made is not None
         return self._made
 
     @property
     def matrix(self) -> PETSc.Mat:
-        """The tangent as the linear solver sees it."""
+        """The tangent as a matrix for the linear solver."""
         return self.made.matrix
 
     @property
@@ -226,15 +226,16 @@ class ContactSystem:
     @property
     def is_stale(self) -> bool:
         """Whether matrices have to be built, or rebuilt."""
-        # A failed attempt, which puts them back, may have been the first to measure them.
+        # A failed attempt, after which penalties are restored, may have been the first to measure
+        # them.
         forgotten = any(not contact.penalty.is_measured for contact in self.contacts)
         return self._made is None or forgotten or not self._is_paired()
 
     def _is_paired(self) -> bool:
-        """Whether what the contacts have paired is what matrices were made for.
+        """Whether the matrices were made for the present contact pairs.
 
-        With tools that move by themselves, or not, as then: where conditions hold both sides
-        depends on it. And with the same displacement per unknown.
+        This includes that the same tools are force-controlled, since it determines which nodes are
+        constrained on both sides, and that the displacement per unknown is the same.
         """
         paired = [contact.paired for contact in self.contacts]
         same = len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
@@ -242,11 +243,11 @@ class ContactSystem:
         return same and driven and self._scales == self.scales
 
     def make_stale(self) -> None:
-        """Let matrices be built anew before they are used again."""
+        """Mark the matrices as outdated, so that they are rebuilt before the next use."""
         self._paired = [None] * (len(self.contacts) + 1)
 
     def rebuild(self) -> None:
-        """Penalties, patterns and matrices after the contacts have paired. Collective."""
+        """Rebuild penalties, patterns and matrices after contact updates. Collective."""
         self.check_alive()
         self.destroy_matrices()
         bulk = [body.matrix() for body in self.bodies]
@@ -274,27 +275,27 @@ class ContactSystem:
             body.destroy()
 
     def check_alive(self) -> None:
-        """Refuse to go on without PETSc's objects, which it would not survive.
+        """Raise an error if PETSc's objects have been freed: any use would crash.
 
         Raises:
-            RuntimeError: If they have been freed.
+            RuntimeError: If the objects have been freed.
         """
         if self.is_destroyed:
             raise RuntimeError("the problem has been destroyed: make a new one")
 
     def replace_vectors(self) -> None:
-        """Take new vectors: PETSc leaves those locked that a callback that raised has seen."""
+        """Replace the vectors: PETSc leaves vectors locked after an error in a callback."""
         new = [vec.duplicate() for vec in (self.x, self.r)]
         self.x.copy(new[0])
         self.x.destroy()
         self.r.destroy()
         self._x, self._r = new
-        self.make_stale()  # whoever holds the old ones is set up again
+        self.make_stale()  # users of the old vectors are set up again
 
     # --- Evaluation
 
     def residual(self, x: Array) -> Array:
-        """Residual at the owned unknowns x; leaves u, gaps and multipliers at x. Collective."""
+        """Residual at the owned unknowns x; sets u, gaps and multipliers to x. Collective."""
         self.check_alive()
         self.evaluated = x.copy()
         residuals = [body.residual(self.part(x, i)) for i, body in enumerate(self.bodies)]
@@ -311,9 +312,9 @@ class ContactSystem:
         return np.concatenate(residuals)
 
     def evaluate_contacts(self) -> None:
-        """Compute gaps and slips where the bodies are. Collective."""
+        """Compute gaps and slips for the present unknowns of the bodies. Collective."""
         pairs = list(zip(self.contacts, self.sides, strict=True))
-        # Conductances are functions of the bodies' contact: these come first.
+        # Conductances depend on the contact of the bodies, which is therefore evaluated first.
         for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].is_scalar):
             terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
@@ -325,13 +326,13 @@ class ContactSystem:
         return self.matrix
 
     def assemble(self) -> bool:
-        """Tangent at the last evaluation, unless it is there already. Collective.
+        """Assemble the tangent at the last evaluation, unless it is up to date. Collective.
 
-        For linear bodies it depends on the active set alone: while that stays, the linear solver
-        keeps its factors.
+        For linear bodies it depends only on the active set: while this does not change, the linear
+        solver keeps its factors.
 
         Returns:
-            Whether it has changed.
+            Whether the tangent has changed.
         """
         self.check_alive()
         discrete = self._discrete_state()
@@ -345,16 +346,16 @@ class ContactSystem:
         return True
 
     def forget_tangent(self) -> None:
-        """Let the tangent be assembled anew when it is asked for."""
+        """Mark the tangent as outdated, so that it is assembled before the next use."""
         self._assembled = None
 
     def tangent_fits(self) -> bool:
-        """Whether the tangent was assembled with the active set that there is now. Collective."""
+        """Whether the tangent was assembled with the present active set. Collective."""
         same = self._assembled is not None and self._assembled_at == self._discrete_state()
         return self.comm.allreduce(same, op=MPI.LAND)
 
     def _discrete_state(self) -> list[object]:
-        """What the tangent depends on besides where the bodies are, and how fast they slip."""
+        """State that determines the tangent besides the positions and slip rates of bodies."""
         state: list[object] = [body.fingerprint for body in self.bodies]
         for contact in self.contacts:
             state += [contact.eps, contact.kinematics.scale, active_set.active_state(contact)]
@@ -362,6 +363,6 @@ class ContactSystem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is symmetric, as its matrix is told."""
+        """Whether the tangent is symmetric; this is set on its matrix."""
         bulk = self._made is None or self._made.bulk_symmetric
         return bulk and all(contact.symmetric for contact in self.contacts)

@@ -1,4 +1,4 @@
-"""What every form of the tangent can do."""
+"""Interface of all matrix formats of the tangent."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Array = npt.NDArray[np.float64]
 
 
 class Tangent(typing.Protocol):
-    """Matrix of all bodies and contacts: MatNest, one AIJ matrix, or a sum that is never formed."""
+    """Matrix of all bodies and contacts: MatNest, one AIJ matrix, or an unassembled sum."""
 
-    #: As the linear solver sees it.
+    #: The tangent as a matrix for the linear solver.
     matrix: PETSc.Mat
 
     def assemble(self) -> None:
@@ -27,11 +27,11 @@ class Tangent(typing.Protocol):
     def set_diagonal(self, i: int, values: Array) -> None:
         """Replace the diagonal of body i's block. Collective.
 
-        Where a bulk that has not changed is not put back, it stays until :meth:`renew`.
+        If unchanged bulk is not restored, the new diagonal is kept until :meth:`renew`.
         """
 
     def renew(self) -> None:
-        """Put back all of the bulk at the next assembly."""
+        """Restore all of the bulk at the next assembly."""
 
     def destroy(self) -> None:
-        """Free the matrices that are its own. Collective."""
+        """Free the matrices owned by this object. Collective."""
