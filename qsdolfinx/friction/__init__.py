@@ -1,4 +1,4 @@
-"""Friction: laws, slip, and what is carried from step to step."""
+"""Friction: laws, slip, and history variables from step to step."""
 
 from qsdolfinx.friction.laws import (
     Coulomb,

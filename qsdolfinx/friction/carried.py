@@ -1,4 +1,4 @@
-"""Friction at the points of a slip, carried to others where contact pairs anew."""
+"""Transfer of friction data from old to new points when the contact pairs are updated."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ Indices = npt.NDArray[np.int64]
 
 
 def of_points(slip: Slip, keys: Indices, place: Array) -> OfPoints:
-    """What points of a slip have.
+    """Collect the friction data of the points of a slip.
 
     Args:
-        slip: The slip, with rows at points.
-        keys: As of the class, for example :func:`facets`.
-        place: As of the class.
+        slip: The slip, with constraints at points.
+        keys: See :class:`OfPoints`, for example :func:`facets`.
+        place: See :class:`OfPoints`.
     """
     rest = slip.state.rest + np.zeros_like(slip.state.jump)
     return OfPoints(keys, place, rest, slip.gap.operator.slave_sum)
 
 
 def carry(old: Slip, new: Slip) -> None:
-    """Let a slip with rows at points go on where another one of the same surfaces was. Collective.
+    """Transfer the state of a slip to a new slip of the same surfaces. Collective.
+
+    It does nothing unless the constraints of the new slip are at points.
 
     Args:
-        old: Of the pairing before.
-        new: Of the present one.
+        old: Slip of the previous contact pairs.
+        new: Slip of the present contact pairs.
     """
     if not new.gap.rows.are_points:
         return
-    if new.gap.following is not None:  # whose points are others at each evaluation
+    if new.gap.following is not None:  # its points change at each evaluation
         new.state.augmented = turned(
             new.state.augmented, normals_of_nodes(old), normals_of_nodes(new), new.slave.gdim
         )
@@ -49,18 +51,19 @@ def carry(old: Slip, new: Slip) -> None:
 
 
 def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
-    """Let a slip go on whose nodes have their multipliers already. Collective.
+    """Transfer point data to a slip whose nodes already have their multipliers. Collective.
 
-    Points have what the closest point had that was on the same facet of the slave and opposite to
-    the same one: if all are where they were nothing changes, on any number of ranks. Where there
-    was none they have no more than nodes tell. Vectors turn with the surface, as its normals do.
+    A point gets the data of the closest old point on the same facet of the slave and opposite the
+    same facet. If no point has moved, nothing changes, on any number of ranks. A point without such
+    an old point has only the multipliers of the nodes. Vectors turn with the surface, as its
+    normals do.
 
     Args:
         slip: The slip.
-        normals: As :func:`normals_of_nodes`, of before.
-        old: Of the points before.
-        keys: Of the points now, as those of the old ones.
-        place: Likewise.
+        normals: Earlier result of :func:`normals_of_nodes`.
+        old: Data of the old points.
+        keys: Keys of the present points, as those of the old points.
+        place: Positions of the present points, as those of the old points.
     """
     state, gdim = slip.state, slip.gap.slave.gdim
     state.augmented = turned(state.augmented, normals, normals_of_nodes(slip), gdim)
@@ -69,7 +72,7 @@ def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array)
 
 
 def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
-    """The same from a checkpoint, without any turning, see ``SavedNormals``.
+    """Transfer point data from a checkpoint, without rotation, see ``SavedNormals``.
 
     Arguments are those of :func:`take`.
     """
@@ -82,23 +85,23 @@ def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: 
 
 
 def facets(slip: Slip) -> Indices:
-    """What tells apart between which facets, and of which one's parts, points are, (points, n)."""
+    """Keys of the points, (points, n): the pair of facets, and the side of the segmentation."""
     points = slip.gap.points
     sides = [side["dofs"][:, :, 0] for side in (points.slave, points.master)]
     return np.column_stack([parts(slip), *sides])
 
 
 def parts(slip: Slip) -> Indices:
-    """1 of points that facets of the slave were cut for, 0 of those of the master's, (points,)."""
+    """1 for points on segments of the slave's facets, 0 for those of the master's, (points,)."""
     points = slip.gap.points
     return (np.arange(points.size) < points.num_of_slave).astype(np.int64)
 
 
 def normals_of_nodes(slip: Slip) -> Array:
-    """Sums of the points' normals for the sides of owned nodes, (nodes, block · gdim). Collective.
+    """Sums of point normals at the patches of owned nodes, (nodes, block · gdim). Collective.
 
     Args:
-        slip: With rows at points.
+        slip: The slip, with constraints at points.
     """
     assert isinstance(slip.gap.rows, PointRows)
     return slip.gap.rows.sums_of_vectors(slip.gap.operator.slave_sum)

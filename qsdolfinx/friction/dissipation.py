@@ -1,4 +1,4 @@
-"""Energy that friction takes in a step, the work of its forces, and the slip of each row."""
+"""Energy dissipated by friction in a step, and the slip of each constraint."""
 
 from __future__ import annotations
 
@@ -11,29 +11,34 @@ from qsdolfinx.friction.laws import Friction, Response, Rows
 
 Array = npt.NDArray[np.float64]
 
-#: Stiffness of stick, in that of the rows, for rows that leave: all of their way is slip.
+#: Sticking stiffness over the penalty of a constraint, for constraints that open in the step: all
+#: of their relative displacement is slip.
 RIGID = 1e6
 
-#: Least part of a step for which a row that leaves has been in contact: its rate is slip over that.
+#: Least part of the step in which a constraint that opens has been active: its slip rate is the
+#: slip over this part.
 LEAST_PART = 1e-6
 
 
 class Evaluated(typing.NamedTuple):
-    """The rows of a slip at an evaluation.
+    """Constraints of a slip at an evaluation.
 
     Attributes:
-        rows: What the law was told.
-        response: What it answered.
-        leaving: Rows that slipped when the step began and are open, but for those that have lost
-            their friction, (rows,). Rows that stuck slip when next to no pressure is left.
-        gap: Mean gap of each row (length), negative where it is open, (rows,).
-        compliance: Gap (length) that a pressure closes, over it: of the penalty and of the bodies.
-        means: Whether multipliers are means over the step, as stresses of a velocity are.
-        until_closed: Tangential part of what the jump changed in the step before the row closed
-            (length), (rows, gdim).
-        same: Whether all rows in contact, now or when the step began, are covered by as much as
-            then: not where an edge slides over them.
-        arc: Way along surfaces over the slip, which is its chord where they turn, (rows,).
+        rows: Input of the law.
+        response: Response of the law.
+        leaving: Constraints that slipped at the start of the step and are inactive now, except for
+            those that have lost their friction, (rows,). Sticking constraints slip only when there
+            is hardly any pressure left.
+        gap: Mean gap of each constraint (length), negative if open, (rows,).
+        compliance: Gap (length) that a pressure closes, over this pressure: of the penalty and of
+            the bodies.
+        means: Whether multipliers are means over the step, as the stresses due to a velocity.
+        until_closed: Tangential part of the relative displacement in the step before the constraint
+            became active (length), (rows, gdim).
+        same: Whether the covered area of all constraints that are active now, or were so at the
+            start of the step, is unchanged. It is not where an edge slides over them.
+        arc: Arc length along the surfaces over the slip, which is the chord if surfaces turn,
+            (rows,).
     """
 
     rows: Rows
@@ -48,21 +53,22 @@ class Evaluated(typing.NamedTuple):
 
 
 def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
-    """Slip (length) and energy per area that friction took in a step, (rows, gdim) and (rows,).
+    """Slip (length) and dissipated energy per area in a step, (rows, gdim) and (rows,).
 
-    The energy is the work of the friction forces on the relative displacement of the step, less
-    what a penalty's elastic stick stores of it.
+    The energy is the work of the friction forces on the relative displacement of the step, without
+    the part that elastic sticking stores in a penalty.
 
-    Multipliers that are means over the step, as those of bodies in velocities, work on all of the
-    step's displacement: so they do in the equilibrium. The others work on the slip, which begins
-    where a row closes, with the mean of the limit along it: it goes from the pressure at the start
-    of the step to that at its end, which makes the energy one of second order in Δt. Rows that
-    leave had λ_0 at the start, and are open by −ḡ at the end. At a constant rate they are in
-    contact for λ_0 C / (λ_0 C − ḡ) of the step, C being the compliance.
+    Multipliers that are means over the step, as for velocity-based bodies, do work on the whole
+    displacement of the step, as in the equilibrium. Other multipliers do work on the slip, which
+    starts when the constraint becomes active, with the mean of the limit along the slip: the
+    pressure goes from its value at the start of the step to that at the end. This makes the energy
+    second-order accurate in Δt. Constraints that open had λ_0 at the start, and are open by −ḡ at
+    the end. At a constant rate they are active during the part λ_0 C / (λ_0 C − ḡ) of the step,
+    where C is the compliance.
 
-    Where an edge slides over rows, what they bear goes over from one to the next, and their
-    pressures at the start and at the end are those of unlike areas: there the forces at the end
-    count alone, which are all of the friction on what is in contact.
+    Where an edge slides over constraints, force passes from one constraint to the next, and
+    pressures at the start and at the end belong to different areas. Then only the forces at the end
+    are used; they are the whole friction on the part in contact.
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
@@ -83,7 +89,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
 
 
 def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
-    """The same of rows that leave, until they do so."""
+    """Slip and energy of constraints that open in the step, up to the time when they open."""
     rows, leaving = step.rows, step.leaving
     closing = rows.pressed * step.compliance
     opening = np.maximum(-step.gap, 0.0)

@@ -1,4 +1,4 @@
-"""The filled graph of friction that jumps where rows open: part of it on the edge of contact."""
+"""Set-valued friction at the edge of contact, for laws that jump when a constraint opens."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ from qsdolfinx.friction.laws import Friction, Limited, Response
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: a of ``fill``. With c_n of 1e-2 penalties it lets gaps weigh what slips do, c_t being a penalty.
-#: Solutions do not depend on it. From 1 to 100 blocks in 2D are found; with less, rows whose slip
-#: turns seem to be on the edge, and with more, rows open and close without getting there.
+#: Factor a of ``fill``. With c_n of 1e-2 penalties, gaps have the same weight as slips, as c_t is
+#: one penalty. Solutions do not depend on a. From 1 to 100, solutions of blocks in 2D are found.
+#: With less, constraints whose slip direction changes seem to be on the edge; with more,
+#: constraints open and close without reaching the edge.
 OF_PRESSURE = 100.0
 
 
-#: Pressures that friction is at points at most: of laws whose limit does not vanish with the
-#: pressure it does so below a third of it. It is as a coefficient of friction at the edge of
-#: contact: large ones have no unique solution, and with 5 and 10 sets of points cycle
-#: (tests/friction/test_friction.py, Tresca).
+#: Largest friction at points over the pressure, for laws whose limit does not vanish with the
+#: pressure: for pressures below a third of the limit, the friction vanishes with the pressure. The
+#: factor acts as a coefficient of friction at the edge of contact. With large values solutions are
+#: not unique, and with 5 and 10 active sets cycle (tests/friction/test_friction.py, Tresca).
 STEEP = 3.0
 
 
 class Filled(typing.NamedTuple):
-    """What friction is, the edge of contact included.
+    """Friction with constraints on the edge of contact.
 
     Attributes:
-        response: The law's answer; scaled down on the edge, and 0 where rows are open.
-        edge: Rows on the edge: they have part of the friction of closed ones, (rows,).
-        closed: Rows that have all of it, (rows,).
-        by_trial: ∂τ/∂y_n of rows on the edge, (rows, gdim); 0 of others.
-        by_multiplier: ∂τ/∂τ with the law's answer held, (rows, gdim, gdim); likewise.
+        response: Response of the law; scaled down on the edge, and 0 for inactive constraints.
+        edge: Constraints on the edge, which have a part of the friction T, (rows,).
+        closed: Constraints with the full friction T, (rows,).
+        by_trial: ∂τ/∂y_n for constraints on the edge, (rows, gdim); 0 for others.
+        by_multiplier: ∂τ/∂τ for a fixed response of the law, for constraints on the edge, (rows,
+            gdim, gdim); 0 for others.
     """
 
     response: Response
@@ -44,27 +46,27 @@ class Filled(typing.NamedTuple):
 
 
 def fill(response: Response, multiplier: Array, trial: Array, whole: Flags, none: Flags) -> Filled:
-    """Let friction be any part of the law's answer where rows are on the edge of contact.
+    """Allow any part of the friction of a law for constraints on the edge of contact.
 
-    A law T whose limit does not vanish with the pressure leaves a row that is about to open no
-    state: with T it opens, and without any friction it closes. The graph of friction over
-    pressure and gap has a jump there, which is filled: a row is
+    With a law T whose limit does not vanish with the pressure, a constraint that is about to open
+    may have no solution: with T it opens, and without friction it closes. The graph of friction
+    over pressure and gap has a jump there, which is filled: a constraint is
 
         closed, λ > 0 = ḡ*, τ = T;   on the edge, λ = ḡ* = 0, τ = θ T, 0 ≤ θ ≤ 1;
         or open, λ = 0 > ḡ*, τ = 0.
 
-    With d = T/|T| and y_n = λ + c_n ḡ*, which has the sign of λ or of ḡ*, all three are
+    With d = T/|T| and y_n = λ + c_n ḡ*, which has the sign of λ or of ḡ*, all three states are
 
         τ = b d,   b = min(max(τ·d + a y_n, 0), |T|)
 
-    for any a > 0: where 0 < b < |T| it says y_n = 0. The right-hand side is continuous.
+    for any a > 0: for 0 < b < |T| it requires y_n = 0. The right-hand side is continuous.
 
     Args:
-        response: What the law answers if all rows are closed: T.
+        response: Response T of the law if all constraints are active.
         multiplier: τ (stress), (rows, gdim).
         trial: y_n (stress), (rows,).
-        whole: Rows that have T whatever y_n is.
-        none: Rows that have none.
+        whole: Constraints with the full T for any y_n.
+        none: Constraints without friction.
     """
     size = np.linalg.norm(response.traction, axis=1)
     divisor = np.where(size > 0, size, 1.0)
@@ -73,7 +75,7 @@ def fill(response: Response, multiplier: Array, trial: Array, whole: Flags, none
     closed = (whole | (bound >= size)) & ~none
     edge = (bound > 0) & ~closed & ~none
     bound = np.where(edge, bound, 0.0)
-    # b d, d changing with T, and b with d.
+    # Derivative of b d: d changes with T, and b changes with d.
     part = np.where(edge, bound / divisor, closed.astype(np.float64))
     along = np.where(edge[:, None], d, 0.0)
     change = bound[:, None, None] * np.eye(d.shape[1]) + along[:, :, None] * multiplier[:, None, :]
@@ -95,13 +97,13 @@ def fill(response: Response, multiplier: Array, trial: Array, whole: Flags, none
 
 
 def limited(law: Friction, response: Response, bound: Array, penalty: Array) -> Response:
-    """The law's answer where |τ| is known of rows on the edge.
+    """Response of the law with given |τ| for constraints on the edge.
 
     Args:
         law: The law.
-        response: What it answers.
-        bound: |τ| (stress) of rows on the edge, infinite of others, (rows,).
-        penalty: ε of each row in tangential direction (stress per length), (rows,).
+        response: Response of the law.
+        bound: |τ| (stress) for constraints on the edge, infinite for others, (rows,).
+        penalty: ε of each constraint in tangential direction (stress per length), (rows,).
     """
     size = np.linalg.norm(response.traction, axis=1)
     edge = bound < size
@@ -124,14 +126,14 @@ def limited(law: Friction, response: Response, bound: Array, penalty: Array) -> 
 def bounded(
     law: Friction, response: Response, bound: Array, slope: float, penalty: Array
 ) -> Response:
-    """The law's answer with |τ| at most a bound that goes with the pressure.
+    """Response of the law with |τ| limited by a bound that is proportional to the pressure.
 
     Args:
         law: The law.
-        response: What it answers.
-        bound: Of |τ| (stress), (rows,).
-        slope: Its derivative by the pressure.
-        penalty: ε of each row in tangential direction (stress per length), (rows,).
+        response: Response of the law.
+        bound: Bound of |τ| (stress), (rows,).
+        slope: Derivative of the bound with respect to the pressure.
+        penalty: ε of each constraint in tangential direction (stress per length), (rows,).
     """
     size = np.linalg.norm(response.traction, axis=1)
     out = limited(law, response, bound, penalty)

@@ -1,4 +1,4 @@
-"""Friction of one contact: the slips of its passes, and what is carried from step to step."""
+"""Friction of one contact: slips of its integration sides, and history from step to step."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from qsdolfinx.surface.traction import facet_measure
 Array = npt.NDArray[np.float64]
 
 
-#: Part of the largest slip rate that is slow.
+#: Slip rate that counts as slow, over the largest slip rate.
 SLOW = 1e-3
 
-#: Relative difference of rates up to which one may stand for the other, within the first step that
-#: slips; and how much slower a later one has to be.
+#: Largest relative change of the slip rate, within the first step with slip, for which the assumed
+#: rate is kept; and the factor by which a later step has to be slower for a new rate.
 SAME_RATE, SLOWER = 0.1, 5.0
 
-#: Way in a step, in facets, that is none but for rounding.
+#: Largest slip in a step, in facet sizes, that counts as rounding.
 AT_REST = 1e-11
 
 
 class FrictionHistory:
-    """What friction adds to a contact, and keeps when that pairs anew.
+    """Friction of a contact, with the data that are kept when the contact pairs are updated.
 
     Args:
         friction: The law.
         slave: Surface of the contact's slave.
-        penalty: ε in tangential direction (stress per length); None for that of the gaps.
+        penalty: ε in tangential direction (stress per length); None for the ε of the gaps.
     """
 
     def __init__(self, friction: Friction, slave: Surface, penalty: float | None) -> None:
@@ -51,19 +51,20 @@ class FrictionHistory:
         self._slave = slave
         #: ε in tangential direction, as given.
         self.given_penalty = penalty
-        #: Slip until the last step ended, at the nodes of each pass's slave, shape (nodes, gdim).
+        #: Slip up to the end of the last step, at the nodes of the slave of each integration side,
+        #: shape (nodes, gdim).
         self.slipped: list[Array] = []
-        #: Largest slip rate (length per time) of the first step in which anything slipped, or of a
-        #: later one in which all is much slower; None before, and of laws that need no rate.
+        #: Largest slip rate (length per time) of the first step with slip, or of a later step in
+        #: which all slip is much slower; None before, and for laws that need no rate.
         self.rate: float | None = None
         self._rate_is_final = False
-        #: This rank's part of the energy that friction has taken until the last step ended.
+        #: This rank's part of the energy dissipated by friction up to the end of the last step.
         self.dissipated = 0.0
 
     def slips_of(self, passes: typing.Sequence[WeightedGap]) -> tuple[Slip, ...]:
-        """Slips of new passes, with the values of the law's parameters. Collective."""
+        """Slips of new integration sides, with the values of the law's parameters. Collective."""
         slips = tuple(Slip(p, self.law) for p in passes)
-        # There are others, before any solve, if passes of edges have gone.
+        # Before any solve, the number of sides changes if those of edges are removed.
         if len(self.slipped) != len(slips):
             self.slipped = [np.zeros((len(p.slave.node_area), p.slave.gdim)) for p in passes]
         for name, value in self.law.parameters.items():
@@ -75,35 +76,36 @@ class FrictionHistory:
         return slips
 
     def penalty(self, eps: float) -> float:
-        """ε in tangential direction, that of the gaps being given."""
+        """ε in tangential direction, for a given ε of the gaps."""
         return eps if self.given_penalty is None else self.given_penalty
 
     # --- Rates
 
     def continue_with(self, rate: float | None) -> None:
-        """Take the rate of an earlier run."""
+        """Use the slip rate of an earlier run."""
         self.rate, self._rate_is_final = rate, rate is not None
 
     def slow(self, dt: float | None, facet_size: float) -> float | None:
-        """Slip rate that is slow in the scene: a small part of the largest one. None without Δt.
+        """Slip rate that counts as slow: a small part of the largest slip rate. None without Δt.
 
         Args:
             dt: Δt, time.
-            facet_size: Of the smallest facet, length: as long as nothing is known, one in each Δt
-                is taken for fast.
+            facet_size: Size of the smallest facet, length. Until a rate is known, one facet size
+                per Δt is used as the largest slip rate.
         """
         if dt is None:
             return None
         return SLOW * (facet_size / dt if self.rate is None else self.rate)
 
     def learn_rate(self, slips: typing.Sequence[Slip], dt: float | None, facet_size: float) -> bool:
-        """Take the largest slip rate of a solution. Collective.
+        """Update the largest slip rate from a solution. Collective.
 
-        That of a first step is kept, so that the law stays the same; unless all is so much slower
-        later on that the law would be another there.
+        The rate of the first step with slip is kept, so that the law does not change. It is
+        replaced only if all later slip is so much slower that the regularised law would be
+        different there.
 
         Returns:
-            Whether another one was assumed: the step has to be solved again.
+            Whether the rate has changed: the step has to be solved again.
         """
         if dt is None or not self.law.needs_rate:
             return False
@@ -121,7 +123,7 @@ class FrictionHistory:
     # --- Parameters
 
     def read_parameters(self, slips: typing.Sequence[Slip]) -> None:
-        """Read the values that the law's Constants and Functions have now. Collective.
+        """Read the present values of the law's Constants and Functions. Collective.
 
         Raises:
             ValueError: If a Function or Constant is negative or not finite.
@@ -148,7 +150,7 @@ class FrictionHistory:
 
     @functools.cached_property
     def _means(self) -> dict[str, fem.Form]:
-        """For each Function f the form of ∫ f N_k ds and, in another component, ∫ N_k ds."""
+        """For each Function f, the form of ∫ f N_k ds and, in a second component, of ∫ N_k ds."""
         linear = self._slave.linear
         v, zero = (
             ufl.TestFunction(linear.collapsed_space),
@@ -163,7 +165,7 @@ class FrictionHistory:
         return forms
 
     def _at_rows(self, form: fem.Form, slips: typing.Sequence[Slip]) -> list[Array]:
-        """Means with the weights N_k at the rows of all passes. Collective."""
+        """Means with the weights N_k at the constraints of all integration sides. Collective."""
         values, out = self._at_nodes(form), []
         for slip in slips:
             if slip.gap.slave is self._slave:
@@ -173,7 +175,7 @@ class FrictionHistory:
         return out
 
     def _at_nodes(self, form: fem.Form) -> Array:
-        """The same at the slave's owned nodes. Collective."""
+        """Means with the weights N_k at the slave's owned nodes. Collective."""
         linear = self._slave.linear
         b = fem.assemble_vector(form)
         b.scatter_reverse(la.InsertMode.add)
@@ -183,14 +185,14 @@ class FrictionHistory:
         return np.asarray(means[:, 0] / means[:, 1])
 
     def _on_other_side(self, values: Array, slip: Slip) -> Array:
-        """Mean over what the rows of the second pass face of values at the slave's nodes.
+        """Means of values at the slave's nodes for constraints of the second integration side.
 
-        Collective.
+        They are means over the part of the slave that a constraint faces. Collective.
         """
         padded = np.zeros((len(values), self._slave.gdim))
         padded[:, 0], padded[:, 1] = values, 1.0
         faced, own = self._slave.nodal_vec(padded), slip.slave.create_vec()
-        # The slave of the contact is the master of this pass, which counts negative.
+        # The slave of the contact is the master of this side, whose part is negative.
         sums = -slip.operator.apply(own.handle, faced.handle)
         for vec in (faced, own):
             vec.destroy()
@@ -199,11 +201,11 @@ class FrictionHistory:
     # --- Steps
 
     def end_step(self, slips: typing.Sequence[Slip]) -> None:
-        """Let the next step begin where this one ended. Collective.
+        """Start the next step from the end of this one. Collective.
 
         Warns:
-            ContactWarning: If a surface in contact has turned by more than 90°, or points by more
-                than 149°: its slip, a chord, may point backwards.
+            ContactWarning: If a surface in contact has turned by more than 90°, or points have
+                turned by more than 149°: the slip, which is a chord, may then point backwards.
         """
         turned = any([slip.has_turned for slip in slips])
         if self._slave.comm.allreduce(turned, op=MPI.LOR):
@@ -222,7 +224,7 @@ class FrictionHistory:
         self._rate_is_final = self.rate is not None
 
     def slip(self, i: int, slip: Slip) -> Array:
-        """Slip at the nodes of pass i: of earlier steps and of the present one."""
+        """Slip at the nodes of integration side i, in all earlier steps and the present step."""
         state = slip.state
         if state.ended:
             return self.slipped[i]
@@ -234,5 +236,5 @@ class FrictionHistory:
         return self.slipped[i] + at_nodes
 
     def dissipated_energy(self) -> float:
-        """Energy that friction has taken until the last step ended. Collective."""
+        """Energy dissipated by friction up to the end of the last step. Collective."""
         return float(self._slave.comm.allreduce(self.dissipated, op=MPI.SUM))

@@ -17,11 +17,12 @@ Array = npt.NDArray[np.float64]
 #: A constant, or a scalar function on the mesh of the slave.
 Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
 
-#: Part of the limit by which a trial has to exceed it to slip. A node that has slipped starts the
-#: next step on its limit, where rounding would decide whether Newton's method sets out from stick.
+#: Relative amount by which a trial has to exceed the limit to slip. A node that has slipped starts
+#: the next step on its limit, where rounding would decide whether Newton's method starts from
+#: stick.
 ON_LIMIT = 1e-10
 
-#: Parts of a step at which limits of a changing pressure are averaged.
+#: Points of time, as parts of the step, at which limits of a changing pressure are averaged.
 CHANGING = (np.arange(8) + 0.5) / 8
 
 
@@ -296,7 +297,7 @@ class Norton(Friction):
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
         assert rows.dt is not None and rows.slow is not None
-        # The mean slip rate of a row, and its derivative to g.
+        # The mean slip rate of a constraint, and its derivative with respect to g.
         per_slip = np.where(rows.closed, 1 / (rows.cover * rows.share * rows.dt), 0.0)
         v = per_slip[:, None] * rows.slip
         v0 = rows.slow if self.v0 is None else self.v0

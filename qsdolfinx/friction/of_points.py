@@ -1,4 +1,4 @@
-"""What friction at points has that nodes do not tell, as it goes from a pairing to the next."""
+"""Friction data of points beyond the multipliers of nodes, and their transfer to new points."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-#: Degree of polynomials of the place between two facets: with 1, friction of hexahedra that slip in
-#: part creeps by three times as much in steps in which nothing moves (test_friction_at_points.py).
+#: Degree of polynomials of the position between two facets. With 1, friction of hexahedra in
+#: partial slip creeps three times as much in steps without motion (test_friction_at_points.py).
 DEGREE = 3
 
-#: How far places, functions of the vertices of facets, spread at least for anything to change along
-#: them; and standard deviations beyond which nothing does.
+#: Least standard deviation of positions (shape functions of the facet vertices) for a function to
+#: vary along them; and distance from their mean, in standard deviations, beyond which it is
+#: constant.
 LEAST_SPREAD, FARTHEST = 0.01, 2.0
 
-#: Least mean square of a function for it to be told: below it points are too few.
+#: Least mean square of a function for its factor to be determined: below it there are too few
+#: points.
 LEAST_SHARE = 1e-3
 
-#: How far places are apart that are the same.
+#: Largest difference of positions that count as the same.
 SAME_PLACE = 1e-9
 
 Array = npt.NDArray[np.float64]
@@ -26,12 +28,12 @@ Indices = npt.NDArray[np.int64]
 
 
 class OfPoints(typing.NamedTuple):
-    """What points of a slip have beyond the multipliers of nodes.
+    """Data of the points of a slip beyond the multipliers of nodes.
 
     Attributes:
-        keys: What tells apart between which facets they are, (points, n).
-        place: Where on the slave's facet: functions of its vertices, (points, vertices).
-        rest: τ beyond the nodes' when the step began (stress), (points, gdim).
+        keys: Keys of the pair of facets of each point, (points, n).
+        place: Position on the slave's facet: shape functions of its vertices, (points, vertices).
+        rest: τ beyond the nodes' multipliers at the start of the step (stress), (points, gdim).
         normal: Normals, (points, gdim).
     """
 
@@ -42,14 +44,14 @@ class OfPoints(typing.NamedTuple):
 
 
 class SavedNormals(typing.NamedTuple):
-    """Normals of the pairing that a checkpoint was written with: vectors turn from these.
+    """Normals of the contact pairs with which a checkpoint was written: vectors turn from these.
 
-    That contact is paired anew when it is read, where bodies have come a little further, turns
-    nothing: vectors that turn twice are not quite those that turn once.
+    When a checkpoint is read, contact detection is repeated for bodies that have moved a little
+    further. This does not turn the vectors: two successive rotations are not exactly one rotation.
 
     Attributes:
         of_nodes: See ``carried.normals_of_nodes``.
-        of_points: Of the points that are at the same places now, (points, gdim).
+        of_points: Normals of the points that have the same positions now, (points, gdim).
     """
 
     of_nodes: Array
@@ -57,15 +59,15 @@ class SavedNormals(typing.NamedTuple):
 
 
 def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Array:
-    """What the closest point between the same facets had, 0 where there was none, (points, gdim).
+    """``rest`` of the closest old point between the same facets, 0 without one, (points, gdim).
 
     Vectors turn as normals do.
 
     Args:
-        old: Of the points before.
-        keys: Of the points now, as those of the old ones.
-        place: Likewise.
-        normal: Likewise.
+        old: Data of the old points.
+        keys: Keys of the present points, as those of the old points.
+        place: Positions of the present points, as those of the old points.
+        normal: Normals of the present points, as those of the old points.
     """
     at = closest(old.keys, old.place, keys, place)
     found, out = at >= 0, np.zeros_like(normal)
@@ -75,18 +77,18 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
 
 
 class SmoothRest:
-    """What points had beyond nodes, as a smooth function of the place between the same facets.
+    """``rest`` of the old points as a smooth function of the position between the same facets.
 
-    It is the polynomial of the place that is closest to what they had, and 0 where there were none.
-    What the closest point had would jump as points move, and residuals with it:
-    ``tests/sliding/test_walls.py``.
+    It is the least-squares polynomial of the position for the data of the old points, and 0 between
+    facets without old points. Data of the closest old point would jump as points move, and the
+    residual with them: ``tests/sliding/test_walls.py``.
 
     Args:
-        old: Of the points before.
+        old: Data of the old points.
     """
 
     def __init__(self, old: OfPoints) -> None:
-        # Points of a pair of facets follow each other, in one run or a few.
+        # Points of a pair of facets are consecutive, in one run or a few runs.
         starts = _starts(old.keys)
         sizes = np.diff(starts, append=len(old.keys))
         self._keys, runs = np.unique(old.keys[starts], axis=0, return_inverse=True)
@@ -116,12 +118,12 @@ class SmoothRest:
         self._factors: Array = (parts * inverse[:, None]) @ right
 
     def at(self, keys: Indices, place: Array, turns: Array) -> Array:
-        """It, turned, for points elsewhere, (points, gdim).
+        """Values of the function at other points, rotated, (points, gdim).
 
         Args:
-            keys: Of the points, as those of the old ones.
-            place: Likewise.
-            turns: Matrices that vectors turn by, (points, gdim, gdim).
+            keys: Keys of these points, as those of the old points.
+            place: Positions of these points, as those of the old points.
+            turns: Rotation matrices of the vectors, (points, gdim, gdim).
         """
         out, starts, count = np.zeros(turns.shape[:2]), _starts(keys), len(self._keys)
         _, first, group = np.unique(
@@ -130,7 +132,7 @@ class SmoothRest:
             return_index=True,
             return_inverse=True,
         )
-        at = first[group.ravel()[count:]]  # beyond the known ones where there was none
+        at = first[group.ravel()[count:]]  # at least count for unknown pairs
         of = np.repeat(at, np.diff(starts, append=len(keys)))
         some = np.flatnonzero(of < count)
         functions = self._functions(place[some], of[some])
@@ -139,7 +141,7 @@ class SmoothRest:
         return out
 
     def _functions(self, place: Array, of: Indices) -> Array:
-        """Monomials of the places in standard deviations of those of a pair."""
+        """Monomials of the positions, scaled by the standard deviations of a pair of facets."""
         along = np.einsum("pk,pkj->pj", place - self._center[of], self._scaled[of])
         return _monomials(np.clip(along, -FARTHEST, FARTHEST))
 
@@ -151,7 +153,7 @@ def _starts(keys: Indices) -> Indices:
 
 
 def _monomials(x: Array) -> Array:
-    """All up to the degree in one or two variables, (points, monomials)."""
+    """All monomials up to the degree in one or two variables, (points, monomials)."""
     powers = [x**k for k in range(DEGREE + 1)]
     if x.shape[1] == 1:
         return np.column_stack(powers)
@@ -160,7 +162,7 @@ def _monomials(x: Array) -> Array:
 
 
 def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
-    """Whether these are the points of before, in the same order."""
+    """Whether these are the old points, in the same order."""
     return (
         old.keys.shape == keys.shape
         and np.array_equal(old.keys, keys)
@@ -169,7 +171,7 @@ def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
 
 
 def closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indices:
-    """For each point the closest one with the same keys, or −1, (points,)."""
+    """For each point the closest known point with the same keys, or −1, (points,)."""
     count = len(known)
     _, group = np.unique(np.concatenate([known, keys]), axis=0, return_inverse=True)
     group = group.ravel()
@@ -188,13 +190,13 @@ def closest(known: Indices, places: Array, keys: Indices, place: Array) -> Indic
 
 
 def turned(vectors: Array, before: Array, now: Array, gdim: int) -> Array:
-    """Vectors turned as normals do, by the smallest angle, of the shape that is given.
+    """Rotate vectors as normals rotate, by the smallest angle; the shape does not change.
 
     Args:
-        vectors: Several behind each other in each row, as the normals.
-        before: Normals of before, of any length, of the shape of the vectors.
-        now: Those of now.
-        gdim: Components of a vector.
+        vectors: Vectors, several of them in each row, as the normals.
+        before: Old normals, of any length, of the shape of the vectors.
+        now: Present normals, of the same shape.
+        gdim: Number of components of a vector.
     """
     v, *normals = (x.reshape(len(x) * (x.shape[1] // gdim), gdim) for x in (vectors, before, now))
     lengths = [np.linalg.norm(n, axis=1, keepdims=True) for n in normals]

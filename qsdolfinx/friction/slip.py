@@ -1,4 +1,4 @@
-"""Slip of one pass: the tangential part of its weighted jump, and the friction that works on it."""
+"""Slip of one integration side: tangential relative displacement, and its friction forces."""
 
 from __future__ import annotations
 
@@ -26,30 +26,33 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
-#: What rounding leaves of slips, over coordinates.
+#: Rounding error of slips, relative to coordinates.
 OF_RATES = 10 * np.finfo(np.float64).eps
 
-#: Part of what is around a row that has slipped, from which on the row has.
+#: Least part of the surroundings of a constraint that has slipped for the constraint to count as
+#: slipped.
 MOST = 0.5
 
-#: Way along surfaces, over its chord, from which on that may point backwards.
+#: Least arc length along surfaces over its chord for which the chord may point backwards.
 FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
 
-#: Change in a step of the covered part of a node's area, over that part, up to which it is the
-#: same: curved surfaces cover each other by a little more or less wherever they are.
+#: Largest relative change in a step of the covered part of a node's area that counts as no change:
+#: the covered area of curved surfaces depends a little on their position.
 SAME_COVER = 1e-2
 
-#: Pressure at the start of a step, relative to that at its end, that is none but for rounding.
+#: Largest pressure at the start of a step, relative to that at its end, that counts as rounding.
 NO_PRESSURE = 1e-6
 
 
 class Place(typing.NamedTuple):
-    """Where the two sides of a pass are, for the nodes of both that conditions hold.
+    """Positions of slave and master, for nodes with Dirichlet conditions on both sides.
 
     Attributes:
-        unknowns: Owned unknowns of the slave's and the master's body, zero of velocities, whose
-            bodies start where they are; None of a rigid tool.
-        tool: What its motion adds to the jump, or its position where gaps follow the bodies.
+        unknowns: Owned unknowns of the slave's and the master's body. They are zero for
+            velocity-based bodies, whose steps start at their present positions, and None for a
+            rigid tool.
+        tool: Contribution of the motion of a rigid tool to the relative displacement; with updated
+            geometry the position of the tool.
     """
 
     unknowns: tuple[Array | None, Array | None]
@@ -57,11 +60,11 @@ class Place(typing.NamedTuple):
 
 
 class Held(typing.NamedTuple):
-    """Components of τ̂ that are no unknowns, of owned nodes, (nodes, gdim).
+    """Redundant components of τ̂, which are no unknowns, at owned nodes, (nodes, gdim).
 
     Attributes:
-        components: Which.
-        clamped: Those of them at nodes that are held as a whole.
+        components: Flags of the redundant components.
+        clamped: Flags of the redundant components at nodes that are clamped in all directions.
     """
 
     components: npt.NDArray[np.bool_]
@@ -70,54 +73,63 @@ class Held(typing.NamedTuple):
 
 @dataclasses.dataclass
 class SlipState:
-    """What changes at the rows of a slip, while its pairing stays.
+    """Variable data of the constraints of a slip, for fixed contact pairs.
+
+    "Rows" in shapes is the number of constraints.
 
     Arrays are replaced, never written into: a shallow copy keeps the state.
 
     Attributes:
-        jump: Weighted jump of the last evaluation, shape (rows, gdim).
-        start: Where it was when the step began.
-        starts_there: Whether that is not known yet: it is where the bodies are when the next solve
-            begins, before conditions are in place.
-        rest: With rows at points, what τ at the start of the step was beyond the multipliers of
-            nodes (stress), (rows, gdim): 0 in the mean.
-        reached: With rows at points and a penalty, τ of the nodes at the last solution, as
-            ``augmented``, which it becomes at the step's end; None before the first.
-        saved: Normals of the pairing that a checkpoint was written with; None otherwise.
-        begun: Of gaps that follow the bodies, where everything was when the step began; None
-            before that is known.
-        of_points: With such rows, what they had then, see ``rest``; None before that is known.
-        of_nodes: With such rows, which are others at each evaluation, functions of the nodes in the
-            place of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
-        closing: With such rows, functions of the nodes in the place of ``until_closed`` and
-            ``share``, (nodes, gdim + 1): the answer may not jump where points go from facet to
-            facet. None where all count the whole step.
-        until_closed: What the jump changed from there until the row closed in this step; 0 for
-            rows that were closed at its start, and as long as nobody knows. Same shape.
-        share: Part of the step for which the row has been closed since, shape (rows,).
-        carried: Jump that the next step starts from if this one ends at the last evaluation.
-        shift: What a rigid tool's motion adds to the jump.
-        augmented: τ̂, what the trial multiplier starts from; with rows at points for the sides of
-            all owned nodes, (nodes, gdim · gdim), see ``PointRows``.
-        pressed: Pressure λ at the start of the step, shape (rows,); where contact has paired since
-            that of a function of nodes, which may be negative beside the edge.
-        slipped: 1 of rows that slipped there, (rows,); or such a function.
-        covered: Part of the area of each owned node that was covered there, (nodes,).
-        moved: 1 of components in which conditions have moved an owned node against what is
-            opposite to it in this step or before, while it was in contact, (nodes, gdim).
-        at_start: Where the two sides were when the step began; None before the first.
-        now: Where they are at the last evaluation, if conditions hold nodes of both.
-        pressure: The same at the last evaluation.
+        jump: Weighted relative displacement of the last evaluation, shape (rows, gdim).
+        start: Relative displacement at the start of the step, shape (rows, gdim).
+        starts_there: Whether ``start`` is not known yet: it is then the relative displacement at
+            the start of the next solve, before Dirichlet conditions are applied.
+        rest: With constraints at points, the part of τ at the start of the step that the
+            multipliers of nodes do not contain (stress), (rows, gdim); its mean is 0.
+        reached: With constraints at points and a penalty, τ of the nodes at the last solution, of
+            the shape of ``augmented``, which it becomes at the end of the step; None before the
+            first solution.
+        saved: Normals of the contact pairs with which a checkpoint was written; None otherwise.
+        begun: With updated geometry, the positions at the start of the step; None before these are
+            known.
+        of_points: With updated geometry, data of the points at the start of the step, see ``rest``;
+            None before these are known.
+        of_nodes: With updated geometry, where points change at each evaluation, functions of the
+            nodes instead of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
+        closing: With updated geometry, functions of the nodes instead of ``until_closed`` and
+            ``share``, (nodes, gdim + 1), so that the response does not jump when points move to
+            another facet. None if the whole step counts for all constraints.
+        until_closed: Change of the relative displacement from ``start`` until the constraint became
+            active in this step, shape (rows, gdim); 0 for constraints that were active at the
+            start, and until it is known.
+        share: Part of the step in which the constraint has been active since then, shape (rows,).
+        carried: Relative displacement from which the next step starts if this step ends at the last
+            evaluation.
+        shift: Contribution of the motion of a rigid tool to the relative displacement.
+        augmented: Multiplier τ̂, from which the trial starts; with constraints at points for the
+            smooth patches of all owned nodes, (nodes, gdim · gdim), see ``PointRows``.
+        pressed: Pressure λ at the start of the step, shape (rows,). If the contact pairs have been
+            updated since, it is that of a function of nodes, which may be negative beside the edge
+            of contact.
+        slipped: 1 for constraints that slipped at the start of the step, (rows,); or values of such
+            a function.
+        covered: Covered part of the area of each owned node at the start of the step, (nodes,).
+        moved: 1 for components in which Dirichlet conditions have moved an owned node relative to
+            the opposite surface, in this step or before, while it was in contact, (nodes, gdim).
+        at_start: Positions of the two sides at the start of the step; None before the first.
+        now: Positions of the two sides at the last evaluation, if there are Dirichlet conditions on
+            both.
+        pressure: Pressure λ at the last evaluation, shape (rows,).
         evaluated: The last evaluation; None before the first.
-        closed: Rows in contact at the last evaluation.
-        ended: Whether the step of the last evaluation has been ended.
-        response: What the law answered at the last evaluation.
-        on_edge: |τ| (stress) of rows that the last solve has found on the edge of contact or open,
-            infinite of others, (rows,).
-        solved: τ (stress) of the last solve, of laws that slip rates steer, (rows, gdim); None of
-            others, and before.
-        frames: Frames of the nodes in which τ̂ is known, of gaps that follow the bodies,
-            (nodes, gdim, gdim); None before the first evaluation.
+        closed: Active constraints at the last evaluation.
+        ended: Whether the step of the last evaluation has ended.
+        response: Response of the law at the last evaluation.
+        on_edge: |τ| (stress) of constraints that the last solve has found on the edge of contact or
+            inactive, infinite for others, (rows,).
+        solved: τ (stress) of the last solve, for laws that depend on slip rates, (rows, gdim); None
+            for others, and before.
+        frames: With updated geometry, the frames of the nodes that belong to τ̂, (nodes, gdim,
+            gdim); None before the first evaluation.
     """
 
     jump: Array
@@ -152,12 +164,12 @@ class SlipState:
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
-        """Before the first evaluation.
+        """Return the state before the first evaluation.
 
         Args:
-            rows: Their number.
-            gdim: Of the bodies.
-            covered: Part of the area of each owned node that is covered.
+            rows: Number of constraints.
+            gdim: Geometric dimension.
+            covered: Covered part of the area of each owned node.
             augmented: τ̂ = 0.
         """
         zero, no = np.zeros((rows, gdim)), np.zeros(rows, dtype=bool)
@@ -171,14 +183,14 @@ class SlipState:
 
 
 class Slip:
-    """g_k = P_k (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), P_k = 1 − n_k n_kᵀ, on the rows of a gap.
+    """Slip g_k = P_k (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), P_k = 1 − n_k n_kᵀ, at constraints.
 
-    Δu is the displacement since the step began; n_k is the mean of the normals of the row's pairing
-    points. With rows at points it is g_p = P_p (Δu_s − Δu_m), and the law is asked there, with the
-    pressure of the point.
+    Δu is the displacement since the step began, and n_k is the mean of the normals of the contact
+    quadrature points of the constraint. With constraints at points it is g_p = P_p (Δu_s − Δu_m),
+    and the law is evaluated there with the pressure of the point.
 
     Args:
-        gap: The weighted gap of the pass.
+        gap: The weighted gap of the integration side.
         friction: The law.
     """
 
@@ -190,40 +202,42 @@ class Slip:
         self.projector: Array
         self._held: npt.NDArray[np.bool_] | None = None
         self._normal: Array | None = None
-        #: What tractions work on; the slip itself but for gaps that follow the bodies.
+        #: Operator of the displacements on which tractions do work: the slip, except with updated
+        #: geometry.
         self.works: _cpp.GapOperator = self.operator
         self._frames: Frames | None = None
-        #: Frames of the nodes where the step began, of rows at points.
+        #: With constraints at points, frames of the nodes at the start of the step.
         self._began: tuple[Places, Array] | None = None
-        #: What points have beyond nodes, as a function of the place, and what it was found for.
+        #: The part of τ beyond the nodes' multipliers as a function of position, and the data from
+        #: which it was computed.
         self._smooth: tuple[OfPoints, SmoothRest] | None = None
         self.hold(None)
-        #: Part of S_k that the row's pairing points stand for, shape (rows,).
+        #: Mortar weight of the covered support over S_k, shape (rows,).
         self.cover: Array = self._cover()
-        #: Way along surfaces over the slip, (rows,).
+        #: Arc length along the surfaces over the slip, (rows,).
         self.arc: Array = np.ones(len(self.cover))
-        #: Whether conditions hold nodes of both sides, on any rank.
+        #: Whether Dirichlet conditions act on nodes of both sides, on any rank.
         self.may_be_held = False
-        #: Components of τ̂ that conditions hold on both sides, and that they do not move against
-        #: each other, of owned nodes; none if there are none anywhere.
+        #: Redundant components of τ̂ at owned nodes: Dirichlet conditions act on both sides,
+        #: without relative motion; None if there are none on any rank.
         self.held: Held | None = None
-        #: What changes while the pairing stays.
+        #: Variable data, for fixed contact pairs.
         num = self.operator.num_rows
         shape = (len(self.covered), gdim * gdim) if gap.rows.are_points else (num, gdim)
         self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
-        #: Values of the law's parameters at the rows.
+        #: Values of the law's parameters at the constraints.
         self.parameters: dict[str, Array] = {}
-        #: The same of nodes, or numbers, for rows that are others at each evaluation.
+        #: Values at the nodes, or numbers, for points that change at each evaluation.
         self.of_nodes: dict[str, Array | float] = {}
 
     def known(self, elastic: float, reached: Array | None = None) -> Array:
-        """τ that the trial starts from at the rows (stress), (rows, gdim). Collective.
+        """Multiplier from which the trial starts at the constraints (stress), (rows, gdim).
 
-        At points τ_h + r (τ̂_h − τ_h) + what they had beyond that when the step began, r being the
-        part of a penalty's compliance, γ_t/ε_t.
+        At points it is τ_h + r (τ̂_h − τ_h) plus the part of τ beyond the nodes' multipliers at the
+        start of the step, where r = γ_t/ε_t is the part of a penalty's compliance. Collective.
 
         Args:
-            elastic: r; 0 of an augmented Lagrangian.
+            elastic: r; 0 for an augmented Lagrangian.
             reached: τ_h at the points, (rows, gdim); by default that of the last solution.
         """
         if not isinstance(self.gap.rows, PointRows):
@@ -231,7 +245,7 @@ class Slip:
         return np.asarray(self.tangential(self._reached(elastic, reached)) + self.state.rest)
 
     def _reached(self, elastic: float, reached: Array | None) -> Array:
-        """τ_h + r (τ̂_h − τ_h) at points, of which the tangential part counts. Collective."""
+        """τ_h + r (τ̂_h − τ_h) at points; only its tangential part is used. Collective."""
         state, rows = self.state, self.gap.rows
         assert isinstance(rows, PointRows)
         if reached is None:
@@ -241,11 +255,11 @@ class Slip:
         return np.asarray((1 - elastic) * reached + elastic * start)
 
     def moving(self, elastic: float, reached: Array, penalty: float) -> Changes:
-        """How slips change with what points move by on facets, and what τ_h leans by. Collective.
+        """Derivative of slips with moving points on facets, and with the tilt of τ_h. Collective.
 
         Args:
             elastic: As for :meth:`known`.
-            reached: Likewise.
+            reached: As for :meth:`known`.
             penalty: γ_t: the trial is τ_h + γ_t g.
         """
         if self.state.begun is None or self._normal is None:
@@ -261,12 +275,12 @@ class Slip:
 
     @property
     def row_node(self) -> npt.NDArray[np.int64]:
-        """Slave node of each row; not of points."""
+        """Slave node of each constraint; not for constraints at points."""
         return self.gap.operator.row_node
 
     @property
     def weight(self) -> Array:
-        """Area of each row in the virtual work."""
+        """Area of each constraint in the virtual work."""
         return self.gap.weight
 
     @property
@@ -276,13 +290,14 @@ class Slip:
 
     @property
     def _jump(self) -> Array:
-        """What slip is the tangential part of."""
+        """Relative displacement whose tangential part is the slip."""
         return np.asarray(self.state.jump - self.state.start - self.state.until_closed)
 
     def hold(self, held: npt.NDArray[np.bool_] | None) -> None:
-        """Leave out components that conditions hold along the surface, shape (rows, gdim).
+        """Exclude components with Dirichlet conditions along the surface, shape (rows, gdim).
 
-        On a plane of symmetry what is beyond it slips the other way: the mean of the whole is zero.
+        On a plane of symmetry, the mirrored body slips in the opposite direction: the mean of both
+        is zero.
         """
         self._held = held
         normal = self.gap.operator.slave_sum if self._normal is None else self._normal
@@ -294,13 +309,13 @@ class Slip:
         self.projector = within - normal[:, :, None] * normal[:, None, :]
 
     def _cover(self) -> Array:
-        """See ``cover``; 1 of rows that nothing is opposite to."""
+        """See ``cover``; 1 for constraints that are not covered."""
         cover = self.operator.slave_sum[:, 0]
         return np.where(cover > 0, cover, 1.0)
 
     @property
     def covered(self) -> Array:
-        """Part of the area of each owned node that is opposite to something, (nodes,)."""
+        """Covered part of the area of each owned node, (nodes,)."""
         rows = self.gap.rows
         if isinstance(rows, PointRows):
             covered = self.gap.share * rows.cover
@@ -311,22 +326,22 @@ class Slip:
         return np.asarray(covered / area)
 
     def tangential(self, vectors: Array) -> Array:
-        """Tangential parts of vectors at the rows."""
+        """Tangential parts of vectors at the constraints."""
         return np.asarray(np.einsum("rij,rj->ri", self.projector, vectors))
 
     def turned(self, vectors: Array) -> Array:
-        """Vectors at the rows brought into the tangent planes, their lengths kept."""
+        """Rotate vectors at the constraints into the tangent planes, without a change of length."""
         flat = self.tangential(vectors)
         size = np.linalg.norm(flat, axis=1)
         grow = np.divide(np.linalg.norm(vectors, axis=1), size, where=size > 0, out=0 * size)
         return np.asarray(flat * grow[:, None])
 
     def jump_of(self, u: Vecs) -> Array:
-        """Weighted jump for given displacements over the bodies' scales. Collective."""
+        """Weighted relative displacement for given unknowns of the bodies. Collective."""
         return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.gap.state.scale)
 
     def change(self, field: Affine) -> Array:
-        """How the jump changes when a rigid tool is displaced by this field. Collective."""
+        """Change of the relative displacement if a rigid tool moves by this field. Collective."""
         r = affine_vec(self.gap.slave, field)
         out = -self.works.apply(r.handle, 0)
         r.destroy()
@@ -349,15 +364,16 @@ class Slip:
 
         Args:
             u: Unknowns of the bodies.
-            pressure: λ at the rows.
-            closed: Rows in contact.
+            pressure: λ at the constraints.
+            closed: Active constraints.
             penalty: ε in tangential direction, or at points γ_t.
             dt: Δt.
-            slow: Slip rate (length per time) that is slow in the scene.
-            in_displacement: Whether the slave's and the master's body have (total) displacements;
-                what moves with velocities starts each step from where it is.
-            gap: Weighted gap at the rows, length.
-            compliance: Gap (length) that a pressure closes, over it.
+            slow: Slip rate (length per time) that counts as slow in this problem.
+            in_displacement: Whether the bodies of slave and master are displacement-based, with
+                total displacements; velocity-based bodies start each step from their present
+                positions.
+            gap: Weighted gap at the constraints, length.
+            compliance: Gap (length) that a pressure closes, over this pressure.
             elastic: As for :meth:`known`.
         """
         state = self.state
@@ -416,7 +432,10 @@ class Slip:
         )
 
     def _covers_the_same(self) -> bool:
-        """Whether no row in contact, now or at the start, is covered more or less. Collective."""
+        """Whether the covered area is unchanged for constraints active now or at the start.
+
+        Collective.
+        """
         change = np.abs(self.state.covered - self.covered) > SAME_COVER * self.covered
         in_contact = self.state.closed | (self.state.pressed > 0)
         local = bool(np.any(change & self.gap.rows.on_nodes(in_contact, False).astype(bool)))
@@ -427,7 +446,7 @@ class Slip:
         self.operator.constrain(handle_of(slave), handle_of(master))
 
     def _place(self, u: Vecs, kept: tuple[bool, bool], tool: npt.ArrayLike) -> Place:
-        """Copies of what says where the two sides are."""
+        """Copies of the data for the positions of the two sides."""
         made = [
             None if vec is None else np.array(vec.array_r) if keeps else np.zeros(vec.local_size)
             for vec, keeps in zip(u, kept, strict=True)
@@ -435,12 +454,12 @@ class Slip:
         return Place((made[0], made[1]), np.array(tool, dtype=np.float64))
 
     def begin_with(self, u: Vecs, in_displacement: tuple[bool, bool], tool: Array) -> None:
-        """Take where the two sides were when the step began, for nodes that conditions hold.
+        """Store the positions at the start of the step, for nodes with Dirichlet conditions.
 
         Args:
-            u: Unknowns then.
+            u: Unknowns at the start of the step.
             in_displacement: As for :meth:`evaluate`.
-            tool: What the motion of a rigid tool until then has added to the jump.
+            tool: Contribution of the earlier motion of a rigid tool to the relative displacement.
         """
         following = self.gap.following
         if following is not None:
@@ -448,7 +467,7 @@ class Slip:
         self.state.at_start = self._place(u, in_displacement, tool)
 
     def _place_now(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Place:
-        """Where the two sides are with these unknowns."""
+        """Positions of the two sides for these unknowns."""
         tool = self.state.shift if in_displacement[0] else np.zeros_like(self.state.shift)
         base = self.gap.state.base
         if base is not None:
@@ -456,7 +475,7 @@ class Slip:
         return self._place(u, in_displacement, tool)
 
     def begin_at(self, u: Vecs, in_displacement: tuple[bool, bool]) -> None:
-        """Let the step begin at these unknowns, unless its start is known. Collective."""
+        """Start the step at these unknowns, unless its start is known. Collective."""
         state = self.state
         if not state.starts_there:
             return
@@ -469,10 +488,10 @@ class Slip:
             state.start = state.start + self._carried(u, in_displacement)
         state.starts_there = False
 
-    # --- Gaps that follow the bodies
+    # --- Updated geometry
 
     def _follow(self) -> None:
-        """Operator, normals, jump and τ̂ at the points of the last cut. Collective."""
+        """Update operator, normals, slip and τ̂ at the points of this evaluation. Collective."""
         state, rows, gap = self.state, self.gap.rows, self.gap
         assert gap.cut is not None and isinstance(rows, PointRows)
         if state.begun is None:
@@ -497,7 +516,7 @@ class Slip:
                 self.parameters[name] = rows.from_nodes(values)
 
     def _rest_at(self, found: SlipAtPoints, kept: OfPoints) -> Array:
-        """ρ of the points, all that they had where none has moved. Collective."""
+        """``rest`` at the points; the stored values, rotated, if no point has moved. Collective."""
         turns, same = self._turns(), are_same(kept, found.facets, found.place)
         if self.slave.comm.allreduce(same, op=MPI.LAND):
             return np.asarray(np.einsum("pij,pj->pi", turns, kept.rest))
@@ -516,8 +535,8 @@ class Slip:
         return until, np.where(fresh, closing[:, -1], 1.0)
 
     def take_operator(self) -> None:
-        """Take operator and normals of the gap's last evaluation. Collective."""
-        if self.state.begun is None:  # before any step: those of the pairing
+        """Use operator and normals of the gap's last evaluation. Collective."""
+        if self.state.begun is None:  # before any step: those of contact detection
             self.operator = self.works = self.gap.jump_operator()
             self._normal, self._held = None, None
             self.arc = np.ones(self.operator.num_rows)
@@ -529,7 +548,7 @@ class Slip:
         self.cover = np.ones(len(self.arc))
 
     def _turn_augmented(self) -> None:
-        """Let τ̂ turn with the slave. Collective."""
+        """Rotate τ̂ with the slave. Collective."""
         state, gap = self.state, self.gap
         assert gap.cut is not None
         if self._frames is None:
@@ -542,12 +561,13 @@ class Slip:
         state.frames = now
 
     def _turns(self) -> Array:
-        """How the slave has turned at the points since the step began. Collective.
+        """Rotation of the slave at the points since the step began. Collective.
 
-        Means of what its nodes have: as their multipliers, with what turns around normals.
+        It is interpolated from the rotations of the nodes, as multipliers are, and includes the
+        rotation about normals.
 
         Returns:
-            Shape (rows, gdim, gdim).
+            Matrices of shape (rows, gdim, gdim).
         """
         state, rows, gdim = self.state, self.gap.rows, self.slave.gdim
         assert self._frames is not None and state.begun is not None and state.frames is not None
@@ -559,45 +579,45 @@ class Slip:
         return np.stack(columns, axis=1).reshape(len(self.cover), gdim, gdim)
 
     def _turned_with(self, vectors: Array, before: Array, now: Array) -> Array:
-        """Vectors, of the sides of a node behind each other, turned with frames."""
+        """Rotate vectors with the frames of their nodes; a row has those of all patches."""
         gdim = self.slave.gdim
         parts = np.split(vectors, vectors.shape[1] // gdim, axis=1)
         return np.concatenate([turned(part, before, now) for part in parts], axis=1)
 
     @property
     def has_turned(self) -> bool:
-        """Whether a point of this rank that slips has turned too far in the step for its chord.
+        """Whether a slipping point of this rank has turned too far in the step to use the chord.
 
-        That is by 149° against what is opposite.
+        The limit is a relative rotation of 149° between the two sides.
         """
         if self.state.ended or not self.gap.rows.are_points:
             return False
         return bool(np.any(self.slipping & (self.arc >= FARTHEST)))
 
     def _carried(self, u: Vecs, in_displacement: tuple[bool, bool]) -> Array:
-        """Jump of the bodies that have total displacements. Collective."""
+        """Relative displacement due to displacement-based bodies only. Collective."""
         s, m = (x * kept for x, kept in zip(self.gap.state.scale, in_displacement, strict=True))
         return np.asarray(self.operator.apply(handle_of(u[0]), handle_of(u[1]), (s, m)))
 
-    # --- Rows that close within a step
+    # --- Constraints that become active within a step
 
     @property
     def has_slipped(self) -> npt.NDArray[np.bool_]:
-        """Rows that slipped when the step began, or most of what is around them did."""
+        """Constraints that slipped at the start of the step, or most of their surroundings did."""
         return np.asarray(self.state.slipped >= MOST)
 
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:
-        """Rows that had no pressure when the step began."""
+        """Constraints without pressure at the start of the step."""
         return np.asarray(self.state.pressed <= NO_PRESSURE * self.state.pressure)
 
     def respond(self, rows: Rows, means: bool) -> Response:
-        """What the law answers for the time in which rows are in contact.
+        """Response of the law for the time in which constraints are active.
 
         Args:
-            rows: The rows.
-            means: Whether multipliers are means over the step, as stresses of a velocity are: while
-                in contact they are larger then.
+            rows: Input of the law.
+            means: Whether multipliers are means over the step, as the stresses due to a velocity:
+                during the time in contact they are larger than the means.
         """
         if not means or np.all(rows.share == 1):
             return self.friction.respond(rows)
@@ -616,19 +636,20 @@ class Slip:
         )
 
     def gap_at_start(self, gap: Array) -> Array:
-        """ḡ (length) of the pass' rows at the start of the step, given that now. Collective."""
+        """ḡ (length) at the start of the step, from the present ḡ. Collective."""
         if self.state.begun is not None:
             return self.gap.slip_at_points(self.state.begun).gap
         moved = np.sum(self.gap.operator.slave_sum * (self.state.jump - self.state.start), axis=1)
         return np.asarray(gap - moved / self.cover)
 
     def count_from(self, until_closed: Array, share: Array, closing: npt.NDArray[np.bool_]) -> None:
-        """Let rows that close in this step count slip from when they close.
+        """Count slip from the onset of contact, for constraints that become active in this step.
 
         Args:
-            until_closed: What the jump changes until then, shape (rows, gdim); 0 of other rows.
-            share: Part of the step that is left then, shape (rows,); 1 of other rows.
-            closing: Rows that are closed at the end, (rows,).
+            until_closed: Change of the relative displacement until contact onset, shape (rows,
+                gdim); 0 for other constraints.
+            share: Part of the step after contact onset, shape (rows,); 1 for other constraints.
+            closing: Constraints that are active at the end, (rows,).
         """
         self.state.until_closed, self.state.share = until_closed, share
         rows = self.gap.rows
@@ -637,15 +658,15 @@ class Slip:
             self.state.closing = rows.means_of_some(values, closing)
 
     def count_whole_step(self) -> None:
-        """Count slip from the start of the step at all rows."""
+        """Count slip from the start of the step for all constraints."""
         self.state.until_closed = np.zeros_like(self.state.start)
         self.state.share = np.ones_like(self.state.share)
         self.state.closing = None
 
     def rounding(self, response: Response) -> Array:
-        """Stress that rounding makes of slips by a law that slip rates steer, (rows,).
+        """Stress error due to rounding of slips, for laws that depend on slip rates, (rows,).
 
-        It may be much stiffer than penalties and bodies; 0 of other laws.
+        Such a law may be much stiffer than penalties and bodies. The error is 0 for other laws.
         """
         if not self.friction.needs_dt:
             return np.zeros_like(response.secant)
@@ -653,7 +674,7 @@ class Slip:
         return np.asarray(OF_RATES * size * response.secant)
 
     def _as_solved(self, response: Response) -> Response:
-        """With τ of the last solve, which balances, where the law's differs by rounding alone."""
+        """Replace τ by the balanced τ of the last solve where they differ only by rounding."""
         solved = self.state.solved
         if solved is None:
             return response
@@ -662,42 +683,45 @@ class Slip:
         return response._replace(traction=np.where(near[:, None], solved, response.traction))
 
     def begin_solve(self) -> None:
-        """Forget what the last solve has found of rows in this step."""
+        """Delete the results of the last solve for constraints in this step."""
         self.state.solved = None
         self.state.on_edge = np.full_like(self.state.share, np.inf)
         self.count_whole_step()
 
     def with_bound(self, response: Response, rows: Rows) -> Response:
-        """The answer at points of laws whose limit does not vanish with the pressure.
+        """Response at points for laws whose limit does not vanish with the pressure.
 
-        At points |τ| is at most :data:`STEEP` times the pressure, so that it does not jump where
-        one opens: any part of the limit is possible where the pressure is next to none.
+        At points |τ| is at most :data:`STEEP` times the pressure, so that it does not jump when a
+        point opens: with hardly any pressure, any part of the limit is possible.
 
         Args:
-            response: What the law answers.
-            rows: What it was told.
+            response: Response of the law.
+            rows: Input of the law.
         """
         if not self.friction.jumps:
             return response
         bound = np.where(rows.unlimited, np.inf, STEEP * rows.pressure)
         return bounded(self.friction, response, bound, STEEP, rows.penalty)
 
-    # --- τ̂ at all owned nodes, the same when contact pairs anew
+    # --- τ̂ at all owned nodes, unchanged by an update of the contact pairs
 
     def augmented_on_nodes(self) -> Array:
-        """τ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none."""
+        """τ̂ at all owned nodes, 0 where there is none.
+
+        In corners and with constraints at points it is given per smooth patch.
+        """
         rows, augmented = self.gap.rows, self.state.augmented
         if isinstance(rows, NodeRows):
             return rows.on_sides(augmented)
         return augmented
 
     def set_augmented_on_nodes(self, values: Array) -> None:
-        """Put back what :meth:`augmented_on_nodes` gave."""
+        """Restore values of :meth:`augmented_on_nodes`."""
         rows, values = self.gap.rows, np.array(values, dtype=np.float64)
         self.state.augmented = rows.from_sides(values) if isinstance(rows, NodeRows) else values
 
     def turn_augmented(self) -> None:
-        """Bring τ̂ into the tangent planes, if it belongs to rows."""
+        """Rotate τ̂ into the tangent planes, unless constraints are at points."""
         if not self.gap.rows.are_points:
             self.state.augmented = self.turned(self.state.augmented)
 
@@ -708,7 +732,7 @@ class Slip:
         self.works.add_transpose(force, *handles)
 
     def add_stiffness(self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None]) -> None:
-        """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm), of linear gaps."""
+        """Add Jᵀ S (D J + ∂τ/∂λ ∂λ/∂ḡ G) to the blocks (ss, sm, ms, mm), for linear gaps."""
         stiffness, coupling = self.stiffness(slope)
         _cpp.insert_friction(
             self.operator,
@@ -720,10 +744,10 @@ class Slip:
         )
 
     def stiffness(self, slope: Array) -> tuple[Array, Array]:
-        """S D, shape (rows, gdim, gdim), and S ∂τ/∂λ ∂λ/∂ḡ of the row of the pass, (rows, gdim).
+        """S D, shape (rows, gdim, gdim), and S ∂τ/∂λ ∂λ/∂ḡ, (rows, gdim).
 
         Args:
-            slope: ∂λ/∂ḡ at the rows of the pass.
+            slope: ∂λ/∂ḡ at the constraints.
         """
         stiffness, coupling = self._slopes()
         return stiffness, (self.weight * slope)[:, None] * coupling
@@ -735,12 +759,12 @@ class Slip:
         return stiffness, response.coupling
 
     def fastest(self) -> float:
-        """Largest way of a closed row on this rank, length: at its rate, in a whole step."""
+        """Largest slip (length) of active constraints here, at its rate over a full step."""
         size = np.linalg.norm(self.values, axis=1) / (self.cover * self.state.share)
         return float(np.max(size[self.state.closed], initial=0.0))
 
     def lost(self) -> tuple[Array, Array]:
-        """Slip (length), and energy of each row, that friction took in this step.
+        """Dissipative slip (length) and dissipated energy of each constraint in this step.
 
         Shapes (rows, gdim) and (rows,). Collective.
         """
@@ -752,28 +776,31 @@ class Slip:
         return slip / self.cover[:, None], self.weight * energy
 
     def dissipation(self) -> Array:
-        """Energy of each row that friction took in this step, shape (rows,). Collective."""
+        """Dissipated energy of each constraint in this step, shape (rows,). Collective."""
         return self.lost()[1]
 
     def dissipation_at_nodes(self) -> Array:
-        """The same of all owned nodes; of points as their functions have them. Collective."""
+        """Dissipated energy at all owned nodes in this step. Collective.
+
+        Energies of points are distributed with the functions of the nodes.
+        """
         return self.gap.rows.sums_on_nodes(self.dissipation())
 
     @property
     def slipping(self) -> npt.NDArray[np.bool_]:
-        """Rows in contact that slip."""
+        """Active constraints that slip."""
         return self.state.response.slipping
 
     def slipping_state(self) -> bytes:
-        """Which rows of this rank slip."""
+        """Slip state of the constraints of this rank, as bytes."""
         return self.state.response.slipping.tobytes()
 
     def tangent_state(self) -> bytes:
-        """What the tangent depends on."""
+        """Data on which the tangent depends, as bytes."""
         return self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
 
     def end_step(self) -> None:
-        """Let the next step begin where this one ended."""
+        """Start the next step from the end of this one."""
         traction, rows = self.state.response.traction, self.gap.rows
         if isinstance(rows, PointRows):
             if self.state.reached is not None:

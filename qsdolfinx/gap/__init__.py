@@ -1,1 +1,1 @@
-"""The weighted gap at the slave's nodes, and the laws that turn it into multipliers."""
+"""Weighted gap at the nodes of the slave, and the contact laws that give its multipliers."""

@@ -13,7 +13,7 @@ from qsdolfinx.gap.laws import NOT_NEGATIVE, ConductanceLaw
 Array = npt.NDArray[np.float64]
 
 
-#: A property of two bodies, or two properties of one.
+#: One property of two bodies, or two properties of one body.
 Pair = tuple[float, float]
 
 BY_BODY = "slave, master: give both by name, {}, all of a body together"
@@ -40,7 +40,7 @@ def rough_surfaces(
         unnamed: Not allowed: a pair without a name can belong to a body or to a property.
         slave: Conductivity k (power per length and temperature) and hardness H (stress) of the
             slave.
-        master: The same of the master.
+        master: The same for the master.
         conductivity: Instead of ``slave`` and ``master``, together with ``hardness``: k of slave
             and master.
         hardness: H of slave and master.
@@ -81,13 +81,13 @@ def effusivity_share(
 ) -> float:
     """Share of the heat of friction that goes into the slave: e_s/(e_s + e_m), e = √(k c).
 
-    Both are given by name: ``effusivity_share(slave=(16.2, 4.0), master=(210.0, 3.6))``.
+    Both pairs are given by name: ``effusivity_share(slave=(16.2, 4.0), master=(210.0, 3.6))``.
 
     Args:
         unnamed: Not allowed, as in :func:`rough_surfaces`.
         slave: Conductivity k (power per length and temperature) and heat capacity per volume c
             (energy per volume and temperature) of the slave.
-        master: The same of the master.
+        master: The same for the master.
 
     Raises:
         TypeError: If a pair has no name.
@@ -100,7 +100,7 @@ def effusivity_share(
 
 
 def _by_property(what: str, slave: typing.Any, master: typing.Any, text: str) -> tuple[Pair, Pair]:
-    """Pairs by body as pairs by property."""
+    """Return the pairs of the two bodies as pairs of the two properties."""
     require(slave is not None and master is not None, text, TypeError)
     for name, pair in (("slave", slave), ("master", master)):
         fits = isinstance(pair, typing.Sequence) and len(pair) == 2

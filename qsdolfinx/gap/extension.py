@@ -1,4 +1,4 @@
-"""Multipliers where conditions hold both sides: they follow from those of the nodes around."""
+"""Condense multipliers that Dirichlet conditions on both sides make redundant."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Facets between a node and the next whose multiplier may be an unknown: in a corner all nodes of a
-#: triangle are held.
+#: Largest number of facets between a redundant multiplier and the nearest free one: in a corner,
+#: all nodes of a triangle can be constrained.
 _SWEEPS = 2
 
 
 class Sweep(typing.NamedTuple):
-    """Multipliers that are means over the facets around, and what the sums are divided by.
+    """One sweep of averaging: multipliers computed as means of known neighbours.
 
     Attributes:
-        new: Those that become known, of the shape of the multipliers.
-        known: Those that were, likewise.
-        part: 1 / number of known ones around, where they are new.
+        new: Multipliers computed in this sweep, of the shape of the multipliers.
+        known: Multipliers known before, of the shape of the multipliers.
+        part: 1 / number of known neighbours, for multipliers computed in this sweep.
     """
 
     new: Flags
@@ -35,23 +35,26 @@ class Sweep(typing.NamedTuple):
 
 
 class Extension:
-    """Which multipliers of a pass are no unknowns, and what they are: λ = E λ_free.
+    """Redundant multipliers of one integration side, and their values: λ = E λ_free.
 
-    Where both bodies are held along the surface alone, as on a plane of symmetry, such a component
-    is zero: beyond the plane its sign is the other. Where they are clamped as a whole it is the
-    mean of the neighbours', so that a uniform multiplier stays uniform.
+    Where Dirichlet conditions act on both bodies along the surface only, as on a plane of symmetry,
+    the component of the multiplier is zero: beyond the plane it has the opposite sign. Where both
+    bodies are clamped, the multiplier is the mean of its neighbours, so that a uniform multiplier
+    stays uniform.
 
     Collective.
 
     Args:
         slave: Surface that carries the multiplier.
-        columns: Columns of the multipliers that take turns in a vector of the slave's body.
-        places: Numbers of the multipliers among the unknowns of this body, shape (rows, n); and
-            the same at the vertices of the facets, shape (facets, vertices, n): a mean is
-            one over multipliers of the same position in the last axis.
-        held: Multipliers that conditions hold on both sides, shape (rows, width).
-        clamped: Those of them at nodes that are held as a whole, of the same shape.
-        missing: Multipliers that are not there, of the same shape.
+        columns: Columns of the multipliers that are stored in a vector of the slave's body one
+            after the other.
+        places: Numbers of the multipliers among the unknowns of this body, shape (rows, n), and at
+            the vertices of the facets, shape (facets, vertices, n). Means are over multipliers with
+            the same index in the last axis.
+        held: Redundant multipliers, with Dirichlet conditions on both sides, shape (rows, width).
+        clamped: Redundant multipliers at nodes that are clamped in all directions, of the same
+            shape.
+        missing: Multipliers that do not exist, of the same shape.
     """
 
     def __init__(
@@ -63,9 +66,9 @@ class Extension:
         clamped: Flags,
         missing: Flags | None = None,
     ) -> None:
-        #: Multipliers that are no unknowns, shape (rows, width).
+        #: Redundant multipliers, which are no unknowns, shape (rows, width).
         self.held = held
-        #: Those of them that have the mean of their neighbours, likewise.
+        #: Redundant multipliers that are the mean of their neighbours, of the same shape.
         self.clamped = clamped
         self._slave, self._columns = slave, columns
         self._at, corners = places
@@ -80,15 +83,16 @@ class Extension:
 
     @property
     def filled(self) -> Flags:
-        """Multipliers that others around determine, shape (rows, width)."""
+        """Multipliers that are computed from their neighbours, shape (rows, width)."""
         return np.asarray(np.any([sweep.new for sweep in self._sweeps], axis=0))
 
     def fill(self, values: Array, closed: Flags | None = None) -> Array:
-        """E λ_free: the multipliers with these in place, shape (rows, width). Collective.
+        """E λ_free: all multipliers, with the redundant ones filled in, (rows, width). Collective.
 
         Args:
             values: The multipliers.
-            closed: Rows in contact, if they are rows: held ones that are not have no multiplier.
+            closed: Active constraints, if multipliers belong to constraints: redundant multipliers
+                of inactive constraints are 0.
         """
         out = np.where(self.held, 0.0, values)
         for sweep in self._sweeps:
@@ -97,7 +101,7 @@ class Extension:
         return out if closed is None else np.where(self.held & ~closed[:, None], 0.0, out)
 
     def gather(self, values: Array) -> Array:
-        """Eᵀ of values that belong to the multipliers: 0 at those that are none. Collective."""
+        """Eᵀ times values of the multipliers; 0 at redundant multipliers. Collective."""
         out = values
         for sweep in reversed(self._sweeps):
             back = self._around(np.where(sweep.new, out * sweep.part, 0.0))
@@ -105,9 +109,9 @@ class Extension:
         return np.where(self.held, 0.0, out)
 
     def means(self, values: Array) -> Array:
-        """At held multipliers what they ought to be, of values that the others, and they, have.
+        """Means of neighbouring values at the redundant multipliers that are means.
 
-        Of the same shape as the values, 0 elsewhere.
+        They have the shape of the values, and are 0 elsewhere.
         """
         out = np.zeros_like(values)
         for sweep in self._sweeps:
@@ -118,8 +122,8 @@ class Extension:
         """Derivative of a factor times :meth:`means`: rows, columns and values of this rank.
 
         Args:
-            numbers: Of the multipliers in a larger system, of their shape.
-            factor: Likewise.
+            numbers: Numbers of the multipliers in a larger system, of the shape of the multipliers.
+            factor: The factor, of the same shape.
         """
         found = []
         for sweep in self._sweeps:
@@ -150,7 +154,7 @@ class Extension:
         return out
 
     def _around(self, values: Array) -> Array:
-        """Sums over the facets around of the values at their vertices: a symmetric matrix."""
+        """Sums over adjacent facets of the values at their vertices: a symmetric matrix."""
         vecs = [self._slave.create_vec() for _ in range(2)]
         local = PETSc.Vec().createSeq(len(self._corners), comm=PETSc.COMM_SELF)
         here = PETSc.IS().createGeneral(self._corners.astype(PETSc.IntType), PETSc.COMM_SELF)

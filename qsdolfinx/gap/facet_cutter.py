@@ -1,4 +1,4 @@
-"""Facets cut along each other wherever they are, for gaps that follow the bodies."""
+"""Segmentation of facets in their present positions, for gaps with updated geometry."""
 
 from __future__ import annotations
 
@@ -32,17 +32,18 @@ from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-#: Slave and master as objects of the extension that are moved by themselves.
+#: Slave and master as separate objects of the extension, which can be moved alone.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
 
 
 class Finder(typing.Protocol):
-    """Finds the points of facets that face each other.
+    """Interface for finding the contact quadrature points of facets that face each other.
 
     Attributes:
-        both: Whether facets of both surfaces are cut.
-        are_own: As of :class:`Cutter`.
-        raised: Which side's facets may stand for a curved surface: 0 the slave's, 1 the master's.
+        both: Whether the facets of both surfaces are segmented.
+        are_own: As in :class:`Cutter`.
+        raised: Side whose facets may be replaced by a curved surface: 0 for the slave, 1 for the
+            master.
     """
 
     both: bool
@@ -50,22 +51,23 @@ class Finder(typing.Protocol):
     raised: int
 
     def sides(self) -> Flags:
-        """Sides of owned nodes of the slave that may have multipliers. Collective."""
+        """Smooth patches of owned nodes of the slave that may have multipliers. Collective."""
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
-        """``GapState.vertices`` of surfaces at these places. Collective."""
+        """``GapState.vertices`` for surfaces at these positions. Collective."""
 
     def pieces(
         self, surfaces: Twins, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
-        """Points where surfaces are. Collective.
+        """Find the points at the present positions of the surfaces. Collective.
 
-        And the normals of a curved surface that facets of a body stand for; None for none.
+        The second result is the normals of the curved surface that replaces facets of a body; None
+        for none.
         """
 
 
 class Overlay:
-    """Cuts all facets that face each other; arguments are those of :class:`FacetCutter`."""
+    """Segmentation of all facets that face each other; arguments as in :class:`FacetCutter`."""
 
     are_own, raised = False, 1
 
@@ -74,7 +76,7 @@ class Overlay:
         self._rules = overlay_rules(slave.gdim, degree)
 
     def sides(self) -> Flags:
-        """See :class:`Finder`: all."""
+        """See :class:`Finder`: all smooth patches."""
         return sides_of(self._slave)
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
@@ -89,7 +91,7 @@ class Overlay:
 
 
 class Known(typing.NamedTuple):
-    """The pieces that were found last, and for what."""
+    """The segments of the last evaluation, and the positions and vertices they belong to."""
 
     places: Places
     vertices: Array | None
@@ -98,11 +100,12 @@ class Known(typing.NamedTuple):
 
 
 class FacetCutter:
-    """Cuts the facets of two surfaces along each other.
+    """Segmentation of the facets of two surfaces.
 
-    Half of the integral is over each surface: facet y of the one is cut along facet z of the other,
-    which is projected along y's normal n. At a point of y that keeps its place ξ on the facet the
-    gap is −t with x_z(ζ) = x_y(ξ) + t n; its multiplier is that at the slave's place, ξ or ζ.
+    Half of the integral is over each surface: facet y of one surface is intersected with facet z of
+    the other, projected along the normal n of y. At a point of y with fixed reference coordinates ξ
+    the gap is −t with x_z(ζ) = x_y(ξ) + t n. The multiplier is taken at the point on the slave, ξ
+    or ζ.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -143,7 +146,7 @@ class FacetCutter:
         return Found(cover, pieces, pieces.num_missed, known.normals)
 
     def _pieces(self, places: Places, vertices: Array | None) -> Known:
-        """As for :meth:`find`. Where bodies are as before, nothing is cut anew. Collective."""
+        """Segments for :meth:`find`; for unchanged positions those of the last call. Collective."""
         known = self._known
         if known is not None and known.places is places and known.vertices is vertices:
             return known
@@ -174,7 +177,7 @@ class FacetCutter:
     def _by_normals(
         self, found: Found, num_rows: int, markers: Vecs
     ) -> tuple[int, PETSc.Mat] | None:
-        """How gaps change as normals at nodes turn with all facets there. Collective."""
+        """Derivative of the gaps due to node normals that turn with their facets. Collective."""
         if found.normals is None:
             return None
         side, comm = self._finder.raised, self._surfaces[0].comm
@@ -196,7 +199,7 @@ class FacetCutter:
         markers: Vecs,
         to: Destination,
     ) -> None:
-        """Add how forces of pressures or tractions change as normals turn. Collective."""
+        """Add the derivative of forces due to turning normals. Collective."""
         if found.normals is None:
             return
         side, comm = self._finder.raised, self._surfaces[0].comm
@@ -356,7 +359,7 @@ class FacetCutter:
         return np.asarray(found.of_cutter.slave_sizes())
 
     def _put(self, places: Places) -> None:
-        """Move the facets there."""
+        """Move the facets to these positions."""
         if self._moved_to is places:
             return
         there = places[1] if self._tool is None else self._tool.facet_positions(places[1])
@@ -366,7 +369,10 @@ class FacetCutter:
 
 
 def _numbers(found: Found, markers: Vecs, to: Destination) -> list[Indices]:
-    """Of the pieces' unknowns of both sides, see ``cpp/tangent/curvature.h``. Collective."""
+    """Numbers of the segments' unknowns on both sides, see ``cpp/tangent/curvature.h``.
+
+    Collective.
+    """
     pieces, none = found.of_cutter, np.zeros(0, dtype=np.int64)
     out: list[Indices] = [none, none]
     for i, (numbers, vec) in enumerate(zip(to.numbers, markers, strict=False)):
@@ -376,7 +382,7 @@ def _numbers(found: Found, markers: Vecs, to: Destination) -> list[Indices]:
 
 
 def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | None) -> PETSc.Mat:
-    """The matrix with zeros where conditions hold, see the markers of :class:`Cutter`."""
+    """Set the matrix to zero at Dirichlet conditions, see the markers of :class:`Cutter`."""
     free: list[PETSc.Vec | None] = []
     for marked in (rows, columns):
         vec = None if marked is None else marked.copy()
@@ -398,11 +404,11 @@ def _in_space(vectors: Array) -> Array:
 
 
 def _back(now: Array, before: Array) -> Array:
-    """Rows of the map from places of a tool now to those before, (3, 4), in one row.
+    """Map from present to earlier positions of a tool: the rows of a (3, 4) matrix, flattened.
 
     Args:
-        now: [R | t], (gdim, gdim + 1).
-        before: Likewise.
+        now: Present position [R | t], (gdim, gdim + 1).
+        before: Earlier position, (gdim, gdim + 1).
     """
     gdim, out = len(now), np.eye(3, 4)
     turn = before[:, :gdim] @ now[:, :gdim].T

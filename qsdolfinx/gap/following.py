@@ -1,4 +1,4 @@
-"""Gaps that follow the bodies: they are found anew wherever the unknowns put these."""
+"""Gaps with updated geometry: computed again for each displaced position of the bodies."""
 
 from __future__ import annotations
 
@@ -21,33 +21,37 @@ from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-#: Of the slave and of the master: where the nodes of the trace are, (facets, nodes, 3); of a rigid
-#: tool its position, see ``RigidSurface.position``.
+#: Positions of slave and master: of the nodes of the trace, (facets, nodes, 3), or the position of
+#: a rigid tool, see ``RigidSurface.position``.
 Places = tuple[Array, Array]
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
-#: Part of a node's area that its multiplier stands for at least, beside what is covered of it: it
-#: is 0 where nothing is opposite. And the same where neighbours carry it, whom it would draw down:
-#: ``tests/sliding/test_small_limit.py``, "swapped" (1.5 % of displacements with the former). Not of
-#: vertices, of which single ones slide from neighbour to neighbour: ``test_tip_that_slides``.
+#: Least part of a node's area for its multiplier: if less is covered, a point with an open gap is
+#: added, so that the multiplier is 0 where nothing is opposite. The second value is for condensed
+#: multipliers: the first would reduce the multipliers of their neighbours
+#: (``tests/sliding/test_small_limit.py``, "swapped": 1.5 % of displacements). It is not used for
+#: points at vertices, of which single ones slide from neighbour to neighbour:
+#: ``test_tip_that_slides``.
 LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
 
-#: Turns by more (radians) are not told from those the other way round; as in cpp/sliding/ray.cpp.
+#: Largest rotation (radians): a larger one is not distinguished from a rotation in the opposite
+#: direction. The same as in cpp/sliding/ray.cpp.
 MOST_TURNED = 2.6
 
 
 class NoGapError(ValueError):
-    """Facets are where gaps cannot be measured: an iterate of Newton's method has gone too far."""
+    """Gaps cannot be measured for these positions: an iterate of Newton's method is too far off."""
 
 
 class Found(typing.NamedTuple):
-    """What is opposite to each other somewhere.
+    """Contact pairs for given positions of the surfaces.
 
     Attributes:
-        cover: Σ_p w_p N_k of the sides of the slave's owned nodes, (nodes, block).
-        of_cutter: What else the cutter wants to know of it.
-        num_missed: Pieces on this rank with a ray that meets no point.
-        normals: Of the curved surface that facets before vertices stand for; None if there is none.
+        cover: Σ_p w_p N_k of the smooth patches of the slave's owned nodes, (nodes, block).
+        of_cutter: Further data of the cutter.
+        num_missed: Segments on this rank with a ray that meets no point.
+        normals: Normals of the curved surface that replaces facets opposite vertices; None if there
+            is none.
     """
 
     cover: Array
@@ -57,12 +61,12 @@ class Found(typing.NamedTuple):
 
 
 class Alone(typing.NamedTuple):
-    """Points that see the multiplier of one side of a node each, where nothing is opposite.
+    """Points without a partner, each with the multiplier of one smooth patch of a node.
 
     Attributes:
-        unknown: Global unknowns of the slave that stand for these sides of owned nodes.
-        weight: Areas.
-        far: Their gaps (length), open.
+        unknown: Global unknowns of the slave that represent these patches of owned nodes.
+        weight: Areas of the points.
+        far: Open gap (length) of the points.
     """
 
     unknown: npt.NDArray[np.int64]
@@ -74,15 +78,16 @@ class SlipAtPoints(typing.NamedTuple):
     """Slip at the points of the last evaluation.
 
     Attributes:
-        slip: Of the slave against the other side, (rows, gdim).
-        normal: Outward of the slave, likewise.
-        operator: Its derivative, a matrix for each node.
-        works: What tractions work on.
-        facets: What tells apart between which facets points are, (rows, n).
-        place: Where on the slave's: functions of its vertices, (rows, vertices).
-        arc: Way along the surfaces over the slip, which is its chord, (rows,).
-        gap: Gap of the same places at the start (length), positive in penetration, (rows,).
-        of_cutter: What else the cutter wants to know of it.
+        slip: Slip of the slave relative to the master, (rows, gdim).
+        normal: Normals out of the slave, (rows, gdim).
+        operator: Derivative of the slip, a matrix for each node.
+        works: Operator of the displacements on which tractions do work.
+        facets: Keys of the pair of facets of each point, (rows, n).
+        place: Positions on the slave's facets: shape functions of its vertices, (rows, vertices).
+        arc: Arc length along the surfaces over the slip, which is the chord, (rows,).
+        gap: Gap of the same material points at the start (length), positive in penetration,
+            (rows,).
+        of_cutter: Further data of the cutter.
     """
 
     slip: Array
@@ -97,12 +102,13 @@ class SlipAtPoints(typing.NamedTuple):
 
 
 class Changes(typing.NamedTuple):
-    """Derivative of gaps or slips at points that move on their facets, with heights that change.
+    """Derivative of gaps or slips at points that move on their facets, with changing heights.
 
     Attributes:
-        operator: By the nodes of the facets there.
-        beside: By other nodes, as normals at nodes turn with all facets there: 0 for the slave's
-            body or 1 for the master's, and rows by its unknowns; None if there is nothing.
+        operator: Derivative with respect to the nodes of the facets at the points.
+        beside: Derivative with respect to other nodes, because normals at nodes turn with all
+            facets there: 0 for the slave's body or 1 for the master's, and a matrix of the
+            constraints and the unknowns of this body; None if there is none.
     """
 
     operator: _cpp.GapOperator
@@ -110,13 +116,13 @@ class Changes(typing.NamedTuple):
 
 
 class MovingFunctions(typing.NamedTuple):
-    """How functions of the slave's nodes move along its facets at the last evaluation.
+    """Derivatives of functions of the slave's nodes at points that move along its facets.
 
     Attributes:
         operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
-        mixed: Of each body the derivative of Σ_p w_p r_p N_k by the motion of functions and points:
-            unknowns of the slave that stand for sides of nodes, unknowns of the body, −1 where
-            conditions hold, and values.
+        mixed: For each body, the derivative of Σ_p w_p r_p N_k due to the motion of functions and
+            points: unknowns of the slave that represent patches of nodes, unknowns of the body (−1
+            at Dirichlet conditions), and values.
     """
 
     operator: _cpp.GapOperator
@@ -124,12 +130,12 @@ class MovingFunctions(typing.NamedTuple):
 
 
 class Destination(typing.NamedTuple):
-    """Where derivatives of forces go.
+    """Destination of derivatives of forces.
 
     Attributes:
-        sums: What is added to the matrix by all unknowns of the equations.
-        numbers: Functions of global unknowns of the slave's body, and of the master's unless that
-            is a tool, that give their numbers among all; −1 stays.
+        sums: Entries to be added to the matrix of all unknowns of the equations.
+        numbers: Functions that map global unknowns of the slave's body, and of the master's unless
+            it is a tool, to their numbers among all unknowns; −1 stays −1.
         scale: Displacement per unknown of both bodies.
     """
 
@@ -139,7 +145,7 @@ class Destination(typing.NamedTuple):
 
 
 class Cutter(typing.Protocol):
-    """Finds what is opposite to what, and gaps.
+    """Interface for contact detection with updated geometry: finds contact pairs and their gaps.
 
     Attributes:
         are_own: Whether points are vertices of the slave, each with a multiplier of its own.
@@ -148,36 +154,39 @@ class Cutter(typing.Protocol):
     are_own: bool
 
     def node_area(self, places: Places) -> Array:
-        """S_k of the slave there. Collective."""
+        """S_k of the slave at these positions. Collective."""
 
     def sides(self) -> Flags:
-        """Sides of owned nodes that may have multipliers, (nodes, block). Collective."""
+        """Smooth patches of owned nodes that may have multipliers, (nodes, block). Collective."""
 
     def choose(self, places: Places) -> Array | None:
-        """Vertices that are to have points, see ``GapState.vertices``. Collective."""
+        """Choose the vertices that get points, see ``GapState.vertices``. Collective."""
 
     def find(self, places: Places, vertices: Array | None) -> Found:
-        """What is opposite to what at these places. Collective.
+        """Find the contact pairs at these positions. Collective.
 
         Args:
-            places: The places; those of the last call are known if they are the same object.
+            places: The positions. If they are the same object as in the last call, its result is
+                used.
             vertices: See ``GapState``.
         """
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
-        """Derivative of the gaps of these points, which are its rows. Collective."""
+        """Derivative of the gaps at these points; its rows are the points. Collective."""
 
     def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
-        """The same with what points and heights move by; None if they do not. Collective.
+        """Derivative of the gaps with moving points and changing heights. Collective.
+
+        None if neither points move nor heights change.
 
         Args:
-            found: What has been found there.
-            alone: Points that see one side of a node each.
+            found: Contact pairs at these positions.
+            alone: Points without a partner.
             markers: As for :meth:`add_curvature_of_points`.
         """
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
-        """Jump x_slave − x_master at these points, places on the facets staying. Collective."""
+        """Operator of x_slave − x_master for points fixed on their facets. Collective."""
 
     def add_curvature_of_points(
         self,
@@ -187,16 +196,16 @@ class Cutter(typing.Protocol):
         markers: Vecs,
         to: Destination,
     ) -> None:
-        """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
+        """Add the derivative of Σ_p w_p p_p ∂g_p for fixed p_p. Collective.
 
-        Collective.
+        It contains the second derivative of the gaps and the motion of points on facets.
 
         Args:
-            found: What has been found there.
+            found: Contact pairs at these positions.
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
-            to: Where to.
+            to: Destination of the derivatives.
         """
 
     def moving_functions(
@@ -209,33 +218,33 @@ class Cutter(typing.Protocol):
         markers: Vecs,
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
-        """How a field of the sides of the slave's nodes moves; None if it does not. Collective.
+        """Motion of a field of the slave's nodes along the facets; None without any. Collective.
 
         Args:
-            found: What has been found there.
-            alone: Points that see one side of a node each.
-            field: The field.
+            found: Contact pairs at these positions.
+            alone: Points without a partner.
+            field: The field, with values at the smooth patches of nodes.
             rest: r_p, (rows,).
             moves: Whether points move on their facets.
-            turning: Vectors that r_p is this component of, and that stay in the plane of the facet
-                that rays leave, (rows, gdim); None if there are none.
+            turning: Vectors, (rows, gdim), that stay in the plane of the facet from which the rays
+                start, and the number of their component that is r_p; None if there are none.
             markers: As for :meth:`add_curvature_of_points`.
         """
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
     ) -> SlipAtPoints:
-        """Slip at these points since everything was at the start. Collective."""
+        """Slip at these points relative to the positions at the start. Collective."""
 
     def moving_slip(
         self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
     ) -> Changes:
-        """Derivative of the slip, rows for each component, and −l_p δn. Collective.
+        """Derivative of the slip, with rows for each component, and −l_p δn. Collective.
 
         Args:
-            found: What has been found there.
-            slip: The slip there.
-            alone: Points that see one side of a node each.
+            found: Contact pairs at these positions.
+            slip: The slip at these positions.
+            alone: Points without a partner.
             leaning: l_p (length), (rows,).
             markers: As for :meth:`add_curvature_of_points`.
         """
@@ -248,21 +257,21 @@ class Cutter(typing.Protocol):
         markers: Vecs,
         to: Destination,
     ) -> None:
-        """Add how the forces of tractions τ_p change with these held. Collective.
+        """Add the derivative of the forces of fixed tractions τ_p. Collective.
 
         Args:
-            found: What has been found there.
+            found: Contact pairs at these positions.
             traction: τ_p, (rows, gdim).
             moves: Whether points move on their facets.
             markers: As for :meth:`add_curvature_of_points`.
-            to: Where to.
+            to: Destination of the derivatives.
         """
 
     def points(self, found: Found) -> tuple[Array, Array]:
-        """Points on this rank, (points, 3), and their gaps along the rays, positive when open."""
+        """Points on this rank, (points, 3), and their gaps along the rays, positive if open."""
 
     def pairing_points(self, found: Found) -> _cpp.PairingPoints:
-        """The same with what sees them, for other fields on the facets; normals are not known."""
+        """Contact quadrature points for other fields on the facets, without normals."""
 
     def facet_sizes(self, found: Found) -> Array:
         """Size (length) of the slave's facet at each of these points."""
@@ -270,15 +279,15 @@ class Cutter(typing.Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
-    """What one evaluation has found.
+    """Result of one evaluation.
 
     Attributes:
-        places: Where the facets are.
-        vertices: Which of the slave have points, see ``GapState``.
-        node_area: S_k of owned nodes there.
-        found: What is opposite to what.
+        places: Positions of the facets.
+        vertices: Vertices of the slave that have points, see ``GapState``.
+        node_area: S_k of owned nodes at these positions.
+        found: Contact pairs.
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
-        alone: The last of the points.
+        alone: Points without a partner; they are the last of the points.
         carried: See :attr:`Following.carried`.
     """
 
@@ -292,21 +301,22 @@ class Cut:
 
     @property
     def covered(self) -> Flags:
-        """Owned nodes that anything is opposite to."""
+        """Owned nodes that are covered by the other surface at least in part."""
         return np.asarray(self.found.cover.sum(axis=1) > 0)
 
 
 class Following:
-    """Gaps of one pass at its contact quadrature points as nonlinear functions of the unknowns.
+    """Gaps at contact quadrature points as nonlinear functions of the unknowns (finite sliding).
 
-    Forces are derivatives of gaps with points that keep their places on the facets: each of them
-    conserves momentum and moment. Weights of the points are areas of the facets where these are.
+    Forces are derivatives of the gaps for points that are fixed on the facets: each force pair
+    conserves momentum and angular momentum. The weights of the points are areas of the facets in
+    their present positions.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
-        radius: Distance (length) beyond which nothing is opposite.
-        cutter: Finds what is opposite to what.
+        radius: Search distance (length): contact pairs are not farther apart.
+        cutter: Finds the contact pairs.
     """
 
     def __init__(
@@ -316,22 +326,22 @@ class Following:
         radius: float,
         cutter: Cutter,
     ) -> None:
-        #: Sides of owned nodes that have multipliers, (nodes, block).
+        #: Smooth patches of owned nodes that have multipliers, (nodes, block).
         self._sides_of_nodes = cutter.sides()
         self._slave, self._master, self._cutter = slave, master, cutter
         self._tool = as_tool(master)
         self.radius = radius
         self._values = [TraceValues(s) for s in (slave, master) if isinstance(s, Surface)]
-        #: Where the surfaces were when they were paired.
+        #: Positions of the surfaces at contact detection.
         self.paired_at: Places
         self.pair()
         self._last: Cut | None = None
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
-        #: Sides of owned nodes whose multipliers neighbours carry, (nodes, block); None for none.
+        #: Smooth patches of owned nodes with condensed multipliers, (nodes, block); None for none.
         self.carried: Flags | None = None
-        #: What the blocks of the tangent have room for; None before there are any.
+        #: Evaluation for which the sparsity pattern of the tangent blocks was made; None before.
         self._pattern_of: Cut | None = None
 
     @property
@@ -345,7 +355,7 @@ class Following:
         return self._tool
 
     def pair(self) -> Places:
-        """Take the places where the surfaces were read last."""
+        """Store the positions of the surfaces when they were last read, and return them."""
         master = self._master
         there = trace_positions(master).copy() if isinstance(master, Surface) else master.position
         self.paired_at = trace_positions(self._slave).copy(), np.array(there)
@@ -357,7 +367,7 @@ class Following:
         u: tuple[PETSc.Vec | None, PETSc.Vec | None],
         scale: tuple[float, float] = (1.0, 1.0),
     ) -> Places:
-        """Where displacements over the scales put what is at the base with none. Collective."""
+        """Positions for unknowns u: base positions plus scale times u. Collective."""
         out = list(base)
         for i, values in enumerate(self._values):
             vec = u[i]
@@ -366,22 +376,23 @@ class Following:
         return out[0], out[1]
 
     def choose(self, places: Places) -> Array | None:
-        """Vertices that are to have points with the facets there, see :class:`Cutter`. Collective.
+        """Choose the vertices that get points, see :class:`Cutter`. Collective.
 
         Args:
-            places: Where facets are.
+            places: Positions of the facets.
         """
         return self._cutter.choose(places)
 
     def cut(self, places: Places, vertices: Array | None) -> Cut:
-        """Gaps and their derivative with the facets at these places. Collective.
+        """Compute the gaps and their derivative with the facets at these positions. Collective.
 
         Args:
-            places: The places.
+            places: The positions.
             vertices: See ``GapState``.
 
         Raises:
-            NoGapError: If places are not finite, or a ray of a curved facet meets no other.
+            NoGapError: If positions are not finite, or a ray from a curved facet does not meet the
+                opposite facet.
         """
         last, comm = self._last, self._slave.comm
         there = last is not None and _equal(last.places, places)
@@ -392,7 +403,7 @@ class Following:
         there, same = map(bool, agreed)
         if there:
             assert last is not None
-            places = last.places  # what is between is known
+            places = last.places  # the contact pairs are known
         if same:
             assert last is not None
             return last
@@ -414,7 +425,7 @@ class Following:
         return self._last
 
     def _alone(self, found: Found, vertices: Array | None, node_area: Array) -> Alone:
-        """What keeps multipliers regular where next to nothing is opposite. Collective."""
+        """Points that keep multipliers regular where hardly anything is covered. Collective."""
         slave, sides = self._slave, self._sides_of_nodes
         least: Array | float = LEAST_COVER
         if self.carried is not None and vertices is None:
@@ -424,7 +435,7 @@ class Following:
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 
     def slip_at_points(self, last: Cut, start: Places) -> SlipAtPoints:
-        """Slip at the points of the last evaluation since everything was there. Collective."""
+        """Slip at the points of the last evaluation relative to these positions. Collective."""
         known = self._slip
         if known is None or known[0] is not last or known[1] is not start:
             found = self._cutter.slip_at_points(last.found, last.places, last.alone, start)
@@ -435,7 +446,7 @@ class Following:
         return self._slip[2]
 
     def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> Changes:
-        """Derivative of that slip with what points move by, see :class:`Cutter`. Collective."""
+        """Derivative of that slip with moving points, see :class:`Cutter`. Collective."""
         assert self._marked is not None
         out = self._cutter.moving_slip(last.found, slip, last.alone, leaning, self._marked)
         self._constrain(out.operator)
@@ -448,13 +459,13 @@ class Following:
         moves: bool,
         to: Destination,
     ) -> None:
-        """Add how the forces of tractions τ_p change with these held. Collective.
+        """Add the derivative of the forces of fixed tractions τ_p. Collective.
 
         Args:
             last: The last evaluation.
             traction: τ_p, (rows, gdim).
             moves: Whether points move on their facets.
-            to: Where to.
+            to: Destination of the derivatives.
         """
         assert self._marked is not None
         self._cutter.add_slip_curvature_of_points(last.found, traction, moves, self._marked, to)
@@ -477,10 +488,10 @@ class Following:
         if self._marked is not None:
             operator.constrain(*map(handle_of, self._marked))
 
-    # --- Jumps
+    # --- Relative displacements
 
     def jump_operator(self, last: Cut) -> _cpp.GapOperator:
-        """The jump x_slave − x_master at the rows, places on the facets staying. Collective."""
+        """Operator of x_slave − x_master at points fixed on their facets. Collective."""
         if self._jump is None or self._jump[0] is not last:
             out = self._cutter.jump_at_points(last.found, last.alone)
             self._constrain(out)
@@ -488,7 +499,7 @@ class Following:
         return self._jump[1]
 
     def moving_gaps(self, last: Cut) -> Changes:
-        """Derivative of the gaps with what points move by on their facets. Collective."""
+        """Derivative of the gaps with points that move on their facets. Collective."""
         assert self._marked is not None
         out = self._cutter.moving_gaps(last.found, last.alone, self._marked)
         if out is None:
@@ -497,11 +508,11 @@ class Following:
         return out
 
     def points(self, last: Cut) -> tuple[Array, Array]:
-        """Points on this rank, (points, 3), and their gaps, positive when open."""
+        """Points on this rank, (points, 3), and their gaps, positive if open."""
         return self._cutter.points(last.found)
 
     def pairing_points(self, last: Cut) -> _cpp.PairingPoints:
-        """The same with what sees them, for other fields on the facets; normals are not known."""
+        """Contact quadrature points for other fields on the facets, without normals."""
         return self._cutter.pairing_points(last.found)
 
     def facet_sizes(self, last: Cut) -> Array:
@@ -511,12 +522,12 @@ class Following:
     # --- Tangent
 
     def make_pattern(self, last: Cut) -> _cpp.GapOperator:
-        """Derivative that the blocks of the tangent are to have room for."""
+        """Return the derivative that sets the sparsity pattern of the tangent blocks."""
         self._pattern_of = last
         return last.operator
 
     def fits(self, last: Cut) -> bool:
-        """Whether they have room for what was found."""
+        """Whether the sparsity pattern of the tangent blocks fits this evaluation."""
         return self._pattern_of is last
 
     def add_curvature_of_points(
@@ -526,21 +537,21 @@ class Following:
         moves: bool,
         to: Destination,
     ) -> None:
-        """Add how Σ_p w_p p_p ∂g_p changes with p_p held: gaps bend, and points move on facets.
+        """Add the derivative of Σ_p w_p p_p ∂g_p for fixed p_p. Collective.
 
-        Collective.
+        It contains the second derivative of the gaps and the motion of points on facets.
 
         Args:
             last: The last evaluation.
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
-            to: Where to.
+            to: Destination of the derivatives.
         """
         assert self._marked is not None
         self._cutter.add_curvature_of_points(last.found, pressure, moves, self._marked, to)
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
-        """New vector of values of the sides of owned nodes. Collective."""
+        """New vector of values of the smooth patches of owned nodes. Collective."""
         vec = self._slave.create_vec()
         vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
         return vec
@@ -553,14 +564,14 @@ class Following:
         moves: bool,
         turning: tuple[Array, int] | None = None,
     ) -> MovingFunctions | None:
-        """How λ_h moves at the last evaluation; None if it does not. Collective.
+        """Motion of λ_h along the facets at the last evaluation; None without any. Collective.
 
         Args:
-            last: That evaluation.
-            field: λ of the sides of nodes, (nodes, block).
+            last: The last evaluation.
+            field: λ of the smooth patches of nodes, (nodes, block).
             rest: r_p, (rows,).
             moves: Whether points move on their facets.
-            turning: As of :class:`Cutter`.
+            turning: As for :class:`Cutter`.
         """
         assert self._marked is not None
         vec = self._vec_of_sides(field)
@@ -578,7 +589,7 @@ def _equal(a: Places, b: Places) -> bool:
 
 
 def sides_of(slave: Surface) -> Flags:
-    """Smooth sides that owned nodes have, (nodes, block). Collective."""
+    """Smooth patches of owned nodes, (nodes, block). Collective."""
     surface, nv = slave.cpp_object, slave.num_facet_vertices
     sides = np.asarray(surface.vertex_side)[:, :nv, None].astype(np.int64)
     dofs = np.take_along_axis(np.asarray(surface.facet_dofs)[:, :nv], sides, axis=2).ravel()
@@ -586,11 +597,11 @@ def sides_of(slave: Surface) -> Flags:
 
 
 def sums_of_sides(slave: Surface, dofs: npt.NDArray[np.int64], values: Array) -> Array:
-    """Sums of values at the sides of owned nodes, (nodes, block). Collective.
+    """Sums of values at the smooth patches of owned nodes, (nodes, block). Collective.
 
     Args:
         slave: The surface.
-        dofs: Unknowns that stand for the sides, of any rank, (n,).
+        dofs: Unknowns that represent the patches, of any rank, (n,).
         values: The values, (n,).
     """
     vec = slave.create_vec()

@@ -1,4 +1,4 @@
-"""Frames of the nodes of a surface, which turn with it."""
+"""Co-rotated frames at the nodes of a surface."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Array = npt.NDArray[np.float64]
 
 
 class Frames:
-    """Orthonormal frames at the owned nodes: the normal, and what turns with the facets around it.
+    """Orthonormal frames at the owned nodes: the normal, and tangents that turn with the facets.
 
-    In 3D a second direction is the sum over the facets at a node of the ways to their middles, each
-    times a number that belongs to the facet, whatever the partition: a direction of the material,
-    which no symmetry of the mesh cancels.
+    In 3D the first tangent is the sum, over the facets at a node, of the vectors from the node to
+    the facet centres. Each vector is multiplied by a number of the facet that does not depend on
+    the partition. The tangent is a material direction, and no symmetry of the mesh makes it vanish.
 
     Args:
         surface: The surface.
@@ -26,16 +26,18 @@ class Frames:
     def __init__(self, surface: Surface) -> None:
         self._surface, self._twin = surface, surface.twin()
         nv = surface.num_facet_vertices
-        #: Numbers of the facets, and unknowns of their vertices.
+        #: Numbers of the facets; below, unknowns of their vertices.
         self._number = surface.facet_numbers
         dofs = surface.trace_dofs[0][:, :nv]
         self._dofs = np.ascontiguousarray(dofs.ravel().astype(PETSc.IntType))
 
     def at(self, x: Array) -> Array:
-        """Frames with the trace's nodes at these places, columns, (nodes, gdim, gdim). Collective.
+        """Frames for given positions of the trace's nodes, as columns, (nodes, gdim, gdim).
+
+        Collective.
 
         Args:
-            x: Shape (facets, nodes, 3).
+            x: Positions of the trace's nodes, shape (facets, nodes, 3).
         """
         surface, gdim = self._surface, self._surface.gdim
         self._twin.follow(np.ascontiguousarray(x))
@@ -58,6 +60,6 @@ class Frames:
 
 
 def turned(vectors: Array, before: Array, now: Array) -> Array:
-    """Vectors that turn with frames, shape (nodes, gdim)."""
+    """Rotate vectors with the frames of their nodes; shape (nodes, gdim)."""
     local = np.einsum("nij,ni->nj", before, vectors)
     return np.asarray(np.einsum("nij,nj->ni", now, local))

@@ -1,4 +1,4 @@
-"""Heat of friction as a load on both sides of a contact of temperatures."""
+"""Heat of friction as a load on both sides of a thermal contact."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ Array = npt.NDArray[np.float64]
 
 
 class FrictionHeat:
-    """Puts the power of friction at the slave's nodes into both bodies; none of it is lost.
+    """Distributes the power of friction at the slave's nodes to both bodies, and conserves it.
 
-    What a node's power is on the slave is spread over what the node's pairing points see of either
-    side. That of nodes without pairing points goes into the slave.
+    The power of a slave node is distributed over both sides at the contact quadrature points of the
+    node. The power of nodes without contact quadrature points goes into the slave.
 
     Args:
         slave: Surface of the temperature of the slave.
-        master: The same of the master, or a rigid tool, into which heat is gone.
-        points: Pairing points of the two.
-        share: Part that goes into the slave.
+        master: Surface of the temperature of the master, or a rigid tool; heat that goes into a
+            tool is not followed further.
+        points: Contact quadrature points between the two surfaces.
+        share: Part of the heat that goes into the slave.
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class FrictionHeat:
         dofs = self._slave.node_dofs[alone, 0] - b[0].owner_range[0]
         b[0].array[dofs] -= self.power[alone]
         if b[1] is not None and into[1] is not None:
-            b[1].axpy(1 - self._share, into[1])  # the master's part of a jump is negative
+            b[1].axpy(1 - self._share, into[1])  # the master's part is negative
         for vec in into:
             if vec is not None:
                 vec.destroy()

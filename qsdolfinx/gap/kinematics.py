@@ -1,4 +1,4 @@
-"""How the unknowns of a contact's two bodies move its surfaces."""
+"""Kinematics of a contact: displacements of its surfaces from the unknowns of both bodies."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _UNUSED = 'needs unknown="velocity" on at least one side, or friction that depen
 
 
 def unknowns_of(unknown: typing.Any, rigid_master: bool) -> tuple[str, str]:
-    """The names for the slave and the master.
+    """Return the names of the unknowns of the slave and the master.
 
     Raises:
-        ValueError: If there are not one or two, or one is unknown.
+        ValueError: If there are not one or two names, or a name is not valid.
     """
     both = (unknown, unknown) if isinstance(unknown, str) else unknown
     two = isinstance(both, typing.Sequence) and len(both) == 2
@@ -26,19 +26,21 @@ def unknowns_of(unknown: typing.Any, rigid_master: bool) -> tuple[str, str]:
 
 
 class Kinematics:
-    """u = x for a body with displacements x, u = x Δt, (2), for one with velocities.
+    """Displacements of both bodies: u = x for displacements x, u = x Δt, (2), for velocities x.
 
-    With velocities on both sides λ = ε [ḡ]₊ is then the penalty form of (3), v at t + Δt on both
-    sides, with the penalty ε Δt (stress per velocity).
+    With velocities on both sides, λ = ε [ḡ]₊ is the penalty form of (3), with v at t + Δt on both
+    sides and the penalty ε Δt (stress per velocity).
 
     Args:
-        unknown: ``"displacement"`` or ``"velocity"``, or one of them for the slave and the master.
+        unknown: ``"displacement"`` or ``"velocity"``, or a pair of these names for the slave and
+            the master.
         dt: Δt, time; None if nothing needs it.
-        rates: Whether friction depends on rates, and so needs Δt too.
-        rigid_master: Whether the master is a rigid tool, which moves as its slave does.
+        rates: Whether friction depends on rates, and therefore needs Δt.
+        rigid_master: Whether the master is a rigid tool; it then has the kind of unknown of its
+            slave.
 
     Raises:
-        ValueError: If a name is unknown or Δt is not positive, missing, or not used.
+        ValueError: If a name is not valid, or Δt is not positive, missing, or not used.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class Kinematics:
         rates: bool = False,
         rigid_master: bool = False,
     ) -> None:
-        #: Of the slave and of the master.
+        #: Names of the unknowns of the slave and of the master.
         self.unknown: tuple[str, str] = unknowns_of(unknown, rigid_master)
         if "velocity" in self.unknown or rates:
             why = "dt: must be given, since velocities, friction or heat of friction depend on it"
@@ -69,17 +71,17 @@ class Kinematics:
         self._dt = float(value)
 
     def check_dt(self, value: typing.Any) -> None:
-        """Refuse what is not positive, or not used."""
+        """Refuse a Δt that is not positive, or not used."""
         require(self._dt is not None, f"dt: {_UNUSED}")
         check(POSITIVE, dt=value)
 
     def restore_dt(self, dt: float | None) -> None:
-        """Put back a Δt that was read before."""
+        """Restore a Δt that was read before."""
         self._dt = dt
 
     @property
     def in_displacement(self) -> tuple[bool, bool]:
-        """Whether slave and master have displacements, which continue from step to step."""
+        """Whether slave and master are displacement-based, with unknowns kept from step to step."""
         return self.unknown[0] == "displacement", self.unknown[1] == "displacement"
 
     @property

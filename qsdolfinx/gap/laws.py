@@ -17,10 +17,11 @@ Array = npt.NDArray[np.float64]
 
 NOT_NEGATIVE = number("a number that is not negative", lambda x: x >= 0)
 
-#: h of pressure and distance, and perhaps of the two temperatures, arrays of the points' shape.
+#: Function h of pressure and distance, and optionally of the two temperatures; all are arrays of
+#: the shape of the points.
 ConductanceLaw = typing.Callable[..., npt.ArrayLike]
 
-#: A function of UFL can be called, too, but not with arrays.
+#: Kind of h. UFL functions are callable, too, but not with arrays.
 H = Kind(
     "a number, a dolfinx.fem.Constant, or a Python function of arrays",
     lambda h: (

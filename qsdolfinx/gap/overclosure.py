@@ -1,4 +1,4 @@
-"""Surfaces that penetrate each other where they are first paired, before anything has moved."""
+"""Initial overclosure: penetration of the surfaces at the first contact detection."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ Array = npt.NDArray[np.float64]
 
 TREATMENTS = ("resolve", "ignore", "error")
 
-#: Overclosure that ``"error"`` lets pass, in units of the smallest facet: coordinates that went
-#: through a file in single precision are off by about this much.
+#: Overclosure that ``"error"`` accepts, in units of the smallest facet: coordinates from a file in
+#: single precision have errors of about this size.
 TOLERANCE = 1e-5
 
-#: Part by which depths may differ that are the same but for rounding and the chords of facets.
+#: Relative difference up to which depths count as equal: rounding, and facets that are chords.
 EVEN = 1e-3
 
-#: Part of a node's area that may be rounding.
+#: Part of the area of a node up to which a covered area may be rounding.
 _SOME = 1e-10
 
 
 class Overclosure:
-    """What a contact does about penetration at its first pairing.
+    """Treatment of the penetration at the first contact detection of a contact.
 
-    It belongs to the nodes that carry multipliers, and stays theirs when contact pairs anew: a node
-    that is allowed a depth has that depth wherever it slides. Nodes that had no partner then, and
-    have one later on, are allowed the depth of the others if that is the same all over and they are
-    where the others were, seen from the other surface: it has slid to them. Else they are allowed
-    none.
+    An allowed depth belongs to a node with a multiplier, and does not change when the contact pairs
+    are updated: the node keeps its depth wherever it slides. A node that has no partner at first
+    and gets one later is allowed the depth of the others if this depth is the same everywhere, and
+    if the node is where the others were as seen from the other surface, which has slid to it.
+    Otherwise it is allowed none.
 
     Args:
         treatment: ``"resolve"``, ``"ignore"`` or ``"error"``.
@@ -46,38 +46,38 @@ class Overclosure:
     def __init__(self, treatment: str) -> None:
         check(one_of(TREATMENTS), initial_overclosure=treatment)
         self.treatment = treatment
-        #: Part of the overclosure that is not resolved.
+        #: Part of the overclosure that is allowed, and not resolved.
         self.part = 1.0 if treatment == "ignore" else 0.0
-        #: Largest depth (length) of a pairing point at the first pairing, 0 if there is none.
+        #: Largest depth (length) of a quadrature point at the first detection; 0 without any.
         self.depth = 0.0
-        #: Whether all nodes that had a partner are as deep.
+        #: Whether all nodes with a partner at the first detection are equally deep.
         self.is_even = True
-        #: Least depth (length) of a node at the first pairing; the open ones count as 0.
+        #: Least depth (length) of a node at the first detection; open nodes count as 0.
         self.least = 0.0
-        #: Whether nodes of this rank are about as deep, and nothing tells what they are allowed.
+        #: Whether other nodes of this rank are about as deep, and their allowed depth is unknown.
         self.has_strangers = False
-        self._at_first: list[Array] = []  # by pass; NaN where a node had no partner
-        self._first: list[weakref.ref[WeightedGap]] = []  # the passes then
-        self._at_nodes: list[Array] = []  # with what others are allowed
+        self._at_first: list[Array] = []  # by integration side; NaN for a node without a partner
+        self._first: list[weakref.ref[WeightedGap]] = []  # the integration sides then
+        self._at_nodes: list[Array] = []  # with the depths allowed to others
         self._zones: list[tuple[Array, Array]] = []
 
     @property
     def allowed(self) -> float:
-        """Depth (length) that is not resolved, at most."""
+        """Largest depth (length) that is allowed, and not resolved."""
         return self.part * self.depth
 
     def read(
         self, passes: typing.Sequence[WeightedGap], seen: list[Array], facet_size: float
     ) -> None:
-        """Take the overclosure of the first pairing. Collective.
+        """Read the overclosure of the first contact detection. Collective.
 
         Args:
-            passes: The passes, as they were paired.
-            seen: Where the slave's nodes of each pass are in the frame of its master.
-            facet_size: Of the smallest facet, length.
+            passes: The integration sides, after contact detection.
+            seen: Positions of the slave's nodes of each side in the frame of its master.
+            facet_size: Size of the smallest facet, length.
 
         Raises:
-            ValueError: If there is any and the treatment is ``"error"``.
+            ValueError: If there is overclosure and the treatment is ``"error"``.
         """
         comm = passes[0].slave.comm
         deepest = max(float(np.max(-p.points.gap, initial=0.0)) for p in passes)
@@ -107,10 +107,10 @@ class Overclosure:
         ]
 
     def follow(self, passes: typing.Sequence[WeightedGap], seen: list[Array]) -> None:
-        """Find what nodes are allowed that had no partner at the first pairing. Collective.
+        """Find the depths allowed to nodes without a partner at the first detection. Collective.
 
         Args:
-            passes: The passes, paired anew.
+            passes: The integration sides, with updated contact pairs.
             seen: As for :meth:`read`.
         """
         self.has_strangers = False
@@ -130,7 +130,7 @@ class Overclosure:
             self.has_strangers |= bool(np.any(is_new & ~there & as_deep))
 
     def apply(self, passes: typing.Sequence[WeightedGap]) -> None:
-        """Allow the passes, perhaps paired anew, the part that is not resolved. Collective."""
+        """Apply the allowed part to the sides, perhaps with updated contact pairs. Collective."""
         for p, depth in zip(passes, self._at_nodes, strict=True):
             if p.law.jump:  # a tie keeps any gap
                 continue
@@ -147,14 +147,14 @@ class Overclosure:
 
     @property
     def deep_nodes(self) -> npt.NDArray[np.bool_]:
-        """Slave nodes of this rank that penetrated at the first pairing, shape (nodes,)."""
+        """Slave nodes of this rank that penetrated at the first detection, shape (nodes,)."""
         return np.asarray(_of_nodes(self._at_first[0]) > 0)
 
     def allow(self, comm: MPI.Intracomm, part: float) -> None:
-        """Set the part that is not resolved. Collective.
+        """Set the part that is allowed, and not resolved. Collective.
 
         Raises:
-            ValueError: If it is not from 0 to 1, the same on all ranks.
+            ValueError: If ``part`` is not from 0 to 1, or differs between ranks.
         """
         with checked(comm) as same:
             same(FRACTION, part=part)
@@ -164,10 +164,11 @@ class Overclosure:
 def _depths(p: WeightedGap) -> Array:
     """Depths of the owned nodes, at least 0, NaN where there is no partner. Collective.
 
-    As the rows keep what is largest on nodes: where there may be corners, of each side. With rows
-    at points, of the functions of the sides of nodes that are closest to the points' depths; of
-    gaps that follow the bodies, whose points are others next, means of what is around each side,
-    and as much more as it takes for no point to be deeper.
+    With constraints at nodes they have the form of ``largest_on_nodes``: where there may be
+    corners, one for each smooth patch. With constraints at points they are the projection of the
+    points' depths onto functions of the patches of nodes. With updated geometry, where the points
+    change from one evaluation to the next, they are means around each patch, increased until no
+    point is deeper.
     """
     if p.law.jump:
         return np.full(len(p.slave.node_area), np.nan)
@@ -191,22 +192,21 @@ def _depths(p: WeightedGap) -> Array:
 
 
 def _depths_of_points(p: WeightedGap) -> Array:
-    """Depths of pairing points, at least 0, (points,)."""
+    """Depths of the contact quadrature points, at least 0, (points,)."""
     return np.maximum(-p.operator.initial_gap, 0.0)
 
 
 def _reach(p: WeightedGap) -> float:
-    """How far (length) beyond the nodes that have a partner others may be that are to have one.
+    """Distance (length) from the nodes with a partner within which other nodes may get one.
 
-    A node is reached by what is up to a facet away from it. Where gaps follow the bodies, what
-    reaches it may end a facet beyond the outermost node that has a partner, and slides on in the
-    solve.
+    A contact quadrature point up to one facet away affects a node. With updated geometry, the other
+    surface may end a facet beyond the outermost node with a partner, and it slides on in the solve.
     """
     return (1 if p.following is None else 3) * float(p.slave.facet_size_range[1])
 
 
 def _of_nodes(depths: Array) -> Array:
-    """The largest depth of the sides of each node, 0 without a partner."""
+    """The largest depth of the patches of each node, 0 without a partner."""
     known = np.nan_to_num(depths)
     return known if known.ndim == 1 else np.asarray(known.max(axis=1))
 
@@ -220,6 +220,6 @@ def _box(comm: MPI.Intracomm, x: Array, margin: float) -> tuple[Array, Array]:
 
 
 def _places(p: WeightedGap, depth: float) -> list[list[float]]:
-    """First of the places on the slave that are this deep, to the same digits on any ranks."""
+    """First of the points on the slave with this depth; rounded to be the same on any partition."""
     x = p.points.slave["x"][-p.points.gap >= depth * (1 - 1e-9), : p.slave.gdim]
     return sorted(np.round(x, 12).tolist())[:1]

@@ -1,4 +1,4 @@
-"""What the rows of a gap are: slave nodes, or the pairing points themselves."""
+"""Constraints of a gap operator: one per slave node, or one per contact quadrature point."""
 
 from __future__ import annotations
 
@@ -20,22 +20,24 @@ from qsdolfinx.surface.surface import Surface
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Where the law of contact is asked: for the weighted gaps of nodes, or for the gaps of points.
+#: Where the contact law is evaluated: for the weighted gaps of nodes, or for the gaps of points.
 CONSTRAINTS = ("nodes", "points")
 
-#: Part of a node's area that may be rounding.
+#: Part of the area of a node up to which a covered area may be rounding.
 _SOME = 1e-10
 
-#: Part of the area of a side of a node below which what covers it determines no multiplier.
+#: Part of the area of a side of a node; with a smaller covered area a multiplier is not determined.
 LEAST_COVER = 0.1
 
-#: Relative accuracy of what is projected on nodes, and most iterations: the matrix of masses over
-#: its diagonal is as well conditioned as that of a facet, where nodes are covered.
+#: Relative accuracy of projections onto nodes, and largest number of iterations. Where nodes are
+#: covered, the mass matrix over its diagonal is as well conditioned as that of one facet.
 _PROJECTED, _MOST_PROJECTIONS = 1e-12, 200
 
 
 class Rows(abc.ABC):
-    """Rows of a gap operator, and how values go between them and the slave's nodes.
+    """Constraints of a gap operator, and transfer of values between them and the slave's nodes.
+
+    "Rows" in names and shapes are the constraints.
 
     All methods are collective, unless a subclass says otherwise.
 
@@ -44,7 +46,7 @@ class Rows(abc.ABC):
         slave: Surface that carries the multiplier.
     """
 
-    #: Whether rows are points.
+    #: Whether constraints are at contact quadrature points.
     are_points: bool
 
     def __init__(self, operator: _cpp.GapOperator, slave: Surface) -> None:
@@ -57,54 +59,55 @@ class Rows(abc.ABC):
         return self.slave.node_area if self._kept_area is None else self._kept_area
 
     def keep_areas(self) -> None:
-        """Let :attr:`node_area` stay what it is when the slave moves."""
+        """Keep the present :attr:`node_area` when the slave moves."""
         self._kept_area = self.node_area
 
     @property
     @abc.abstractmethod
     def reached(self) -> npt.NDArray[np.int64]:
-        """Owned nodes of the slave that a pairing point reaches, ascending."""
+        """Owned nodes of the slave in whose support there is a quadrature point, ascending."""
 
     @abc.abstractmethod
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """Values of the rows at all owned nodes: means over what a node covers."""
+        """Values of the constraints at all owned nodes: means over the support of a node."""
 
     @abc.abstractmethod
     def largest_on_nodes(self, values: Array) -> Array:
-        """The largest of the values at a node's rows, at least 0; for values of shape (rows,)."""
+        """The largest value of a node's constraints, at least 0; for values of shape (rows,)."""
 
     @abc.abstractmethod
     def sums_on_nodes(self, values: Array) -> Array:
-        """Values of shape (rows,) at all owned nodes, in the parts that these have of a row."""
+        """Distribute values of shape (rows,) to all owned nodes, by their parts of a constraint."""
 
     @abc.abstractmethod
     def from_nodes(self, values: Array) -> Array:
-        """Values of the owned nodes at the rows; at points of shape (nodes,)."""
+        """Values of the owned nodes at the constraints; with points for shape (nodes,) only."""
 
     def from_largest(self, values: Array) -> Array:
-        """What :meth:`largest_on_nodes` gave, perhaps for other rows, at the rows."""
+        """Result of :meth:`largest_on_nodes`, perhaps of other constraints, at the constraints."""
         return self.from_nodes(values)
 
     @abc.abstractmethod
     def areas(self, now: Array, paired: Array) -> Array:
-        """Area of the slave that each row stands for, shape (rows,).
+        """Area of the slave of each constraint, shape (rows,).
 
         Args:
-            now: Areas of the owned nodes where those of rows are asked for, shape (nodes,).
-            paired: The same where the rows were found.
+            now: Areas of the owned nodes in the wanted configuration, shape (nodes,).
+            paired: Areas of the owned nodes at contact detection, shape (nodes,).
         """
 
 
 class NodeRows(Rows):
-    """One row for each slave node that a pairing point reaches; nothing here is collective.
+    """One constraint for each slave node with a quadrature point in its support; not collective.
 
-    A node in the corner of several walls has a row for each of its smooth sides that faces one.
-    What is to be found again when contact pairs anew is then kept by sides, see :meth:`on_sides`.
+    A node in the corner of several walls has a constraint for each of its smooth patches that faces
+    a wall. Values that have to survive an update of the contact pairs are then stored per patch,
+    see :meth:`on_sides`.
 
     Args:
         operator: The gap operator.
         slave: Surface that carries the multiplier.
-        by_sides: Whether there may be such nodes, on any rank.
+        by_sides: Whether there may be nodes in corners, on any rank.
     """
 
     are_points = False
@@ -112,7 +115,7 @@ class NodeRows(Rows):
     def __init__(self, operator: _cpp.GapOperator, slave: Surface, by_sides: bool) -> None:
         super().__init__(operator, slave)
         self._node = operator.row_node
-        #: Whether a row's node is in a corner; false of all if this is not asked.
+        #: Whether the node of a constraint is in a corner; false for all without ``by_sides``.
         self.in_corner: npt.NDArray[np.bool_] = np.zeros(len(self._node), dtype=bool)
         self._by_sides = by_sides
         self._side: npt.NDArray[np.int64] = np.zeros(len(self._node), dtype=np.int64)
@@ -122,11 +125,11 @@ class NodeRows(Rows):
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:
-        """Nodes of the rows."""
+        """Nodes of the constraints."""
         return np.unique(self._node) if self.in_corner.any() else self._node
 
     def areas(self, now: Array, paired: Array) -> Array:
-        """Those of the nodes; of nodes in corners as much of it as the row's side has."""
+        """Areas of the nodes; in corners the part of the constraint's patch."""
         of_nodes = now[self._node]
         if not self.in_corner.any():
             return np.asarray(of_nodes)
@@ -134,14 +137,16 @@ class NodeRows(Rows):
         return np.where(self.in_corner, share * of_nodes, of_nodes)
 
     def dofs(self, width: int) -> tuple[list[slice], list[npt.NDArray[np.int64]]]:
-        """Unknowns of the slave whose places hold values of rows in its vectors. Collective.
+        """Unknowns of the slave that store values of constraints in its vectors. Collective.
 
-        They are the first ones of a node. If there may be corners, columns of the values have to
-        take turns: there is one place for each side, that of the first if the node is in none.
+        These are the first unknowns of a node. If there may be corners, only one column of the
+        values can be stored at a time: each patch of a node has one unknown, and a node that is in
+        no corner uses that of its first patch.
 
         Returns:
-            Columns that are held at a time; and the global unknowns of the rows, shape (rows, n),
-            and of those that the vertices of facets belong to, shape (facets, vertices, n).
+            Columns that are stored at a time; and the global unknowns of the constraints, shape
+            (rows, n), and of the constraints at the vertices of facets, shape (facets, vertices,
+            n).
         """
         of_nodes = self.slave.node_dofs
         of_facets = self.slave.cpp_object.facet_dofs[:, : self.slave.num_facet_vertices]
@@ -155,7 +160,7 @@ class NodeRows(Rows):
         return [slice(i, i + 1) for i in range(width)], places
 
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """The values themselves; in corners means weighted with areas, of flags whether any is."""
+        """The values themselves; in corners area-weighted means, for flags whether any is set."""
         out = np.full((len(self.slave.node_area), *values.shape[1:]), missing, dtype=values.dtype)
         out[self._node] = values
         if not self.in_corner.any():
@@ -173,13 +178,13 @@ class NodeRows(Rows):
         return out
 
     def sums_on_nodes(self, values: Array) -> Array:
-        """Values of shape (rows,) at all owned nodes, in corners added up; 0 without a row."""
+        """Values of shape (rows,) at all owned nodes, summed in corners; 0 without a constraint."""
         out = np.zeros(len(self.slave.node_area))
         np.add.at(out, self._node, values)
         return out
 
     def largest_on_nodes(self, values: Array) -> Array:
-        """The values themselves, or by sides."""
+        """The values themselves, or values per smooth patch."""
         found = self.on_sides(values[:, None]) if self._by_sides else self.on_nodes(values, 0.0)
         return np.asarray(np.maximum(found, 0.0), dtype=np.float64)
 
@@ -188,15 +193,15 @@ class NodeRows(Rows):
         return np.array(values[self._node], dtype=np.float64)
 
     def from_largest(self, values: Array) -> Array:
-        """The values themselves, or by sides."""
+        """The values themselves, or values per smooth patch."""
         return self.from_sides(values)[:, 0] if self._by_sides else self.from_nodes(values)
 
     def on_sides(self, values: Array) -> Array:
-        """Values of shape (rows, width) at all owned nodes, 0 where there is no row.
+        """Values of shape (rows, width) at all owned nodes, 0 where there is no constraint.
 
         Returns:
-            Shape (nodes, width); if there may be nodes in corners (nodes, gdim · width): those of
-            each side, 0 but for that of the row, which looks at the master.
+            Values of shape (nodes, width). If there may be nodes in corners, shape (nodes, gdim ·
+            width) with one block per smooth patch; blocks of patches without a constraint are 0.
         """
         if not self._by_sides:
             return np.asarray(self.on_nodes(values, 0.0), dtype=np.float64)
@@ -206,9 +211,9 @@ class NodeRows(Rows):
         return out.reshape(num_nodes, self.slave.gdim * width)
 
     def from_sides(self, values: Array) -> Array:
-        """Values of :meth:`on_sides` at the rows, shape (rows, width).
+        """Values of :meth:`on_sides` at the constraints, shape (rows, width).
 
-        A node that was not in a corner and has turned to the master with another side keeps its
+        A node that is in no corner and now faces the master with another smooth patch keeps its
         value.
         """
         if not self._by_sides:
@@ -221,16 +226,16 @@ class NodeRows(Rows):
 
 
 class PointRows(Rows):
-    """One row for each pairing point, on the rank that found it.
+    """One constraint for each contact quadrature point, on the rank that found the point.
 
-    A field on the nodes may have a value for each smooth side of the surface at a node, in columns
-    that are counted by the number of the side: more than one where the surface turns sharply.
+    A field on the nodes may have a value for each smooth patch of the surface at a node; the column
+    is the number of the patch. At sharp edges a node has more than one patch.
 
     Args:
-        operator: Of the points.
-        slave: The surface.
-        are_own: Whether points are vertices, each with a multiplier of its own: these are no
-            field, and none follows from those around.
+        operator: The gap operator at the points.
+        slave: Surface that carries the multiplier.
+        are_own: Whether points are vertices, each with its own multiplier. These multipliers are
+            not a field, and none of them is determined by its neighbours.
     """
 
     are_points = True
@@ -238,24 +243,24 @@ class PointRows(Rows):
     def __init__(self, operator: _cpp.GapOperator, slave: Surface, are_own: bool = False) -> None:
         super().__init__(operator, slave)
         self._are_own = are_own
-        #: Σ_p w_p N_k(ξ_p) of the sides of the owned nodes, shape (nodes, block).
+        #: Σ_p w_p N_k(ξ_p) of the smooth patches of the owned nodes, shape (nodes, block).
         self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
-        #: The same of nodes: what the points cover of S_k.
+        #: The same for nodes: the covered part of S_k.
         self.cover: Array = self.cover_of_sides.sum(axis=1)
-        #: Sides of nodes that points cover some of, of that shape.
+        #: Whether a patch of a node is covered at least in part, shape (nodes, block).
         self.covered: Flags = self.cover_of_sides > _SOME * slave.node_area[:, None]
 
     def areas(self, now: Array, paired: Array) -> Array:
-        """Weights of the points, Σ_k N_k of which has grown as the area of node k has."""
+        """Weights of the points, with the parts N_k scaled by the change of area of node k."""
         return np.asarray(self.operator.row_area * self.from_nodes(now / paired))
 
     @property
     def reached(self) -> npt.NDArray[np.int64]:
-        """Nodes that points cover some of. Not collective."""
+        """Nodes that are covered at least in part. Not collective."""
         return np.flatnonzero(self.cover > _SOME * self.slave.node_area)
 
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; of flags whether there is any."""
+        """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; for flags whether any is set."""
         flags = values.dtype == bool
         columns = values.reshape(len(values), int(np.prod(values.shape[1:], dtype=int)))
         sums = [self._sums(c).sum(axis=1) for c in columns.T.astype(np.float64)]
@@ -274,7 +279,7 @@ class PointRows(Rows):
         return self.from_sides(np.repeat(values[:, None], self.slave.block, axis=1))
 
     def from_sides(self, values: Array) -> Array:
-        """Values of the function Σ_k N_k v_k that each point sees on its side, shape (rows,)."""
+        """Values of Σ_k N_k v_k at the points, with v_k of their smooth patch, shape (rows,)."""
         vec = self.slave.create_vec()
         vec.array[self._own(vec)] = values
         out = self.operator.at_points(vec.handle)
@@ -282,7 +287,7 @@ class PointRows(Rows):
         return np.asarray(out)
 
     def sums(self, values: Array) -> Array:
-        """Σ_p w_p N_k(ξ_p) c_p of values of shape (rows,), for the sides of the owned nodes."""
+        """Σ_p w_p N_k(ξ_p) c_p of values of shape (rows,), for the patches of the owned nodes."""
         return self._sums(values)
 
     def sums_on_nodes(self, values: Array) -> Array:
@@ -292,38 +297,38 @@ class PointRows(Rows):
         return np.asarray(self._sums(of_area).sum(axis=1))
 
     def means_of_some(self, values: Array, which: Flags) -> Array:
-        """Means of vectors over these points alone, at nodes with none of them over all.
+        """Means of vectors over selected points; over all points at nodes without selected points.
 
         Args:
-            values: Shape (rows, gdim).
-            which: The points.
+            values: Vectors at the points, shape (rows, gdim).
+            which: The selected points.
         """
         some = np.column_stack([np.where(which[:, None], values, 0.0), values, which])
         means, gdim = self.on_nodes(some, 0.0).astype(np.float64), values.shape[1]
         part = means[:, -1:]
         return np.where(part > _SOME, means[:, :gdim] / np.maximum(part, _SOME), means[:, gdim:-1])
 
-    # --- Vectors: those of the sides of a node behind each other, (nodes, block · gdim)
+    # --- Vectors of the patches of a node in one row, (nodes, block · gdim)
 
     def vectors_from_sides(self, values: Array) -> Array:
-        """Values of the vector functions Σ_k N_k v_k that each point sees, shape (rows, gdim)."""
+        """Values of the vector function Σ_k N_k v_k at the points, shape (rows, gdim)."""
         columns = range(values.shape[1] // self.slave.block)
         sides = values.reshape(len(values), self.slave.block, len(columns))
         return np.column_stack([self.from_sides(sides[:, :, k]) for k in columns])
 
     def sums_of_vectors(self, values: Array) -> Array:
-        """Σ_p w_p N_k(ξ_p) v_p of values of shape (rows, gdim), for the sides of owned nodes."""
+        """Σ_p w_p N_k(ξ_p) v_p of values of shape (rows, gdim), for the patches of owned nodes."""
         sums = np.stack([self._sums(np.ascontiguousarray(v)) for v in values.T], axis=2)
         return np.asarray(sums.reshape(len(sums), self.slave.block * values.shape[1]))
 
     def projected(self, values: Array) -> Array:
-        """The vector functions of the nodes closest to values at points, Σ w_p |v_h − v_p|² → min.
+        """Project values at points onto functions of the nodes, Σ w_p |v_h − v_p|² → min.
 
-        Their forces on the slave's nodes are the same. Of sides that points hardly cover there is
-        none but what the sides beside them have.
+        The forces on the slave's nodes do not change. Values of patches that are hardly covered
+        follow from the neighbouring patches.
 
         Args:
-            values: Shape (rows, gdim).
+            values: Vectors at the points, shape (rows, gdim).
         """
         extension = self.extended(None)
         free = self.covered if extension is None else self.covered & ~extension.held
@@ -361,10 +366,10 @@ class PointRows(Rows):
         return np.stack(found, axis=2).reshape(len(cover), self.slave.block * len(found))
 
     def projected_means(self, values: Array) -> Array:
-        """The same as values of nodes, means of their sides where there are several.
+        """Project as :meth:`projected`, with values of nodes: means over their smooth patches.
 
         Args:
-            values: Shape (rows, n).
+            values: Values at the points, shape (rows, n).
         """
         shape = len(self.cover), self.slave.block, values.shape[1]
         sides = self.projected(values).reshape(shape)
@@ -373,10 +378,13 @@ class PointRows(Rows):
         return np.divide(sums, self.cover[:, None], out=out, where=some[:, None])
 
     def extended(self, held: Extension | None) -> Extension | None:
-        """Of what is held, and of what is hardly covered beside something that is more. Collective.
+        """Extension of redundant multipliers and of hardly covered multipliers. Collective.
+
+        A hardly covered multiplier is included if a neighbour is covered by more.
 
         Args:
-            held: Of what conditions hold on both sides; None for nothing.
+            held: Extension of the multipliers that Dirichlet conditions on both sides make
+                redundant; None for none.
         """
         hardly = self.covered & (self.cover_of_sides < LEAST_COVER * self.area_of_sides)
         hardly &= not self._are_own
@@ -387,19 +395,19 @@ class PointRows(Rows):
         return self.extension(hardly, hardly, held)
 
     def largest_of_sides(self, values: Array) -> Array:
-        """The largest of the values of the points beside each side of an owned node, or −∞."""
+        """The largest value of the points in the support of each patch of an owned node, or −∞."""
         vec = self.slave.create_vec()
         vec.set(-np.inf)
         self.operator.raise_nodes(np.ascontiguousarray(values), vec.handle)
         return self._read(vec)
 
     def least_from_sides(self, values: Array) -> Array:
-        """The least of what the sides have that a point sees, shape (rows,)."""
+        """The least value of the patches in whose support a point is, shape (rows,)."""
         offset, found = self.operator.functions[0], self._at_functions(values)
         return np.minimum.reduceat(found, offset[:-1]) if len(found) else np.zeros(0)
 
     def _at_functions(self, values: Array) -> Array:
-        """Values of the sides of owned nodes, for each entry of ``operator.functions``."""
+        """Values of the patches of owned nodes, for each entry of ``operator.functions``."""
         with self._scattered() as (vec, local, scatter):
             vec.array[self._own(vec)] = values
             scatter.scatter(vec, local)
@@ -408,7 +416,7 @@ class PointRows(Rows):
 
     @contextlib.contextmanager
     def _scattered(self) -> typing.Iterator[tuple[PETSc.Vec, PETSc.Vec, PETSc.Scatter]]:
-        """A vector of the slave, one of the functions of all points, and what is between them."""
+        """A vector of the slave, one of the functions of all points, and a scatter between them."""
         unknowns = self.operator.functions[1]
         vec, local = self.slave.create_vec(), PETSc.Vec().createSeq(len(unknowns))
         here = PETSc.IS().createGeneral(unknowns.astype(PETSc.IntType), PETSc.COMM_SELF)
@@ -421,12 +429,12 @@ class PointRows(Rows):
 
     @functools.cached_property
     def area_of_sides(self) -> Array:
-        """∫ N_k of the sides of the owned nodes, shape (nodes, block)."""
+        """∫ N_k of the patches of the owned nodes, shape (nodes, block)."""
         slave = self.slave
         corners = slave.coordinates[0][:, : slave.num_facet_vertices]
         if slave.num_facet_vertices == 2:
             area = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-        else:  # of quadrilaterals, whose vertices count row by row, that of both halves
+        else:  # for quadrilaterals, with vertices in tensor order, both halves
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             area = np.linalg.norm(normals, axis=1) * (slave.num_facet_vertices - 2) / 2
         shares = np.repeat(area / slave.num_facet_vertices, slave.num_facet_vertices)
@@ -439,7 +447,7 @@ class PointRows(Rows):
 
     @property
     def _corners(self) -> npt.NDArray[np.int64]:
-        """Unknowns that stand for the sides of the vertices of facets, shape (facets, vertices)."""
+        """Unknowns that represent the patches of the facets' vertices, shape (facets, vertices)."""
         slave = self.slave
         sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)
         of_facets = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
@@ -448,12 +456,12 @@ class PointRows(Rows):
     def extension(
         self, held: Flags, clamped: Flags, known: Extension | None = None
     ) -> Extension | None:
-        """Of sides that conditions hold, or that hardly anything covers; None without any.
+        """Extension of multipliers of patches that are no unknowns; None without any.
 
         Args:
-            held: Sides whose multipliers are no unknowns, shape (nodes, block).
-            clamped: Those of them that have the mean of their neighbours.
-            known: Another one that it is to be added to.
+            held: Patches whose multipliers are no unknowns, shape (nodes, block).
+            clamped: The patches among these whose multiplier is the mean of its neighbours.
+            known: Another extension, to which this one is added.
         """
         if not self.slave.comm.allreduce(bool(held.any()), op=MPI.LOR):
             return known
@@ -467,7 +475,7 @@ class PointRows(Rows):
         return Extension(self.slave, [every], places, held & there, clamped & there, ~there)
 
     def _sums(self, values: Array) -> Array:
-        """Σ_p w_p N_k(ξ_p) c_p for the sides of the owned nodes."""
+        """Σ_p w_p N_k(ξ_p) c_p for the patches of the owned nodes."""
         vec = self.slave.create_vec()
         self.operator.add_to_nodes(self.operator.row_area * values, vec.handle)
         return self._read(vec)

@@ -1,4 +1,4 @@
-"""Points of a slave before a tool whose shape is known, wherever both are."""
+"""Updated gaps at quadrature points of a slave that faces a tool of analytic shape."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Reference coordinates of the vertices of facets with so many.
+#: Reference coordinates of the vertices of facets, by their number of vertices.
 CORNERS = {
     2: np.array([[0.0], [1.0]]),
     3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
@@ -57,11 +57,11 @@ def corner_rule(slave: Surface) -> tuple[Array, Array]:
 
 
 def arc_of_turn(first: Array, last: Array) -> Array:
-    """θ/sin θ: arc over what a chord is along one of its ends, whose normals are at an angle θ.
+    """θ/sin θ: arc length over its projection on the tangent at one end; θ is the angle of turn.
 
     Args:
-        first: Unit normals at the one end, (points, gdim).
-        last: At the other.
+        first: Unit normals at one end, (points, gdim).
+        last: Unit normals at the other end.
     """
     theta = np.arccos(np.clip(np.sum(first * last, axis=1), -1.0, 1.0))
     theta = np.clip(theta, 1e-4, MOST_TURNED)
@@ -69,15 +69,15 @@ def arc_of_turn(first: Array, last: Array) -> Array:
 
 
 class Points(typing.NamedTuple):
-    """Points that are opposite to the tool.
+    """Quadrature points of the slave, with their distances from the tool.
 
     Attributes:
-        x: Where all points are, shape (facets, points, 3).
-        normal: Of the tool there, out of it, likewise.
-        distance: From the tool, (facets, points).
-        weight: Areas, 0 of those that are opposite to nothing, (facets, points).
-        position: Of the tool.
-        places: Of the slave's facets.
+        x: Positions of all points, shape (facets, points, 3).
+        normal: Outward normals of the tool at the points, shape (facets, points, 3).
+        distance: Distances from the tool, (facets, points).
+        weight: Areas; 0 for points that do not face the tool, (facets, points).
+        position: Position of the tool.
+        places: Positions of the slave's facets.
     """
 
     x: Array
@@ -89,15 +89,16 @@ class Points(typing.NamedTuple):
 
 
 class ShapePoints:
-    """Fixed points of the slave's facets at their exact distance from a tool, along its normals.
+    """Quadrature points fixed on the slave's facets, with exact distances from a tool.
 
-    G_k = −Σ_p w_p N_k(ξ_p) d(x_p), with ∂d = n and ∂²d the curvature of the shape.
+    G_k = −Σ_p w_p N_k(ξ_p) d(x_p), with the distance d along the tool's normals, ∂d = n, and ∂²d
+    the curvature of the shape.
 
     Args:
         slave: Surface that carries the multiplier.
         tool: The tool.
-        radius: Distance (length) beyond which points are not paired.
-        degree: Degree of the rule on the facets; None for points at vertices at creases, each once.
+        radius: Search distance (length): points farther away are not paired.
+        degree: Degree of the rule on the facets; None for one point at each vertex on a sharp edge.
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class ShapePoints:
     ) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
         self.are_own = degree is None
-        #: Vertices that stand for sharp nodes, (facets, vertices); None of points of facets.
+        #: One facet vertex for each sharp node, (facets, vertices); None for points on facets.
         self._corners: Flags | None = None
         if degree is None:
             sharp = at_vertices(slave, sharp_nodes(slave).astype(np.float64)) > 0.5
@@ -113,31 +114,31 @@ class ShapePoints:
         x, w = corner_rule(slave) if degree is None else facet_rule(slave, degree)
         self._rule, self._w = (x, w), w
         kind = slave.num_facet_vertices
-        #: Functions of the vertices and of the trace at the points, (points, functions).
+        #: Shape functions of the vertices and of the trace at the points, (points, functions).
         self._N = np.asarray(_cpp.trace_values(kind, 1, x))
         self._T = np.asarray(_cpp.trace_values(kind, slave.degree, x))
-        #: Derivatives of the vertices' ones, (points, functions, 2).
+        #: Derivatives of the shape functions of the vertices, (points, functions, 2).
         self._dN = np.asarray(_cpp.trace_gradients(kind, 1, x))
         self._measured = slave.twin()
         self._sign = self._orientation()
         side = np.asarray(slave.cpp_object.vertex_side, dtype=np.int64)
         of_facets = np.asarray(slave.cpp_object.facet_dofs)[:, : side.shape[1]]
-        #: Unknowns that stand for the sides of vertices of facets, (facets, vertices).
+        #: Unknowns that represent the smooth patches of facet vertices, (facets, vertices).
         self._dofs = np.take_along_axis(of_facets, side[..., None], axis=2)[..., 0]
         self._values = TraceValues(slave)
         x0, _, nodes = slave.coordinates
-        #: Which way normals of vertices look that are found without a look at the body.
+        #: Signs that make normals computed from the facet vertices alone outward.
         self._signs = np.sign(np.sum(unit_normals(x0, nodes) * normals_at_vertices(slave), axis=2))
 
     def _orientation(self) -> Array:
-        """1 or −1 of each facet: times its area vector points out of the body."""
+        """Signs, 1 or −1, that make the area vectors of the facets outward."""
         x, inside, _ = self._slave.coordinates
         out = x.mean(axis=1) - inside
         area = self._area_vectors(x).sum(axis=1)
         return np.asarray(np.where(np.sum(area * out, axis=1) > 0, 1.0, -1.0))
 
     def _area_vectors(self, x: Array) -> Array:
-        """∂x/∂ξ × ∂x/∂η of facets through their vertices, (facets, points, 3)."""
+        """∂x/∂ξ × ∂x/∂η of the straight facets through the vertices, (facets, points, 3)."""
         nv = self._slave.num_facet_vertices
         tangents = np.einsum("pvi,fvd->fpid", self._dN, x[:, :nv])
         a = tangents[:, :, 0]
@@ -146,7 +147,7 @@ class ShapePoints:
         return np.cross(a, tangents[:, :, 1])
 
     def _area_growth(self, x: Array) -> Array:
-        """Gradient of the logarithm of :meth:`_areas` by the vertices.
+        """Derivative of the logarithm of :meth:`_areas` with respect to the vertex positions.
 
         Shape (facets, points, vertices, gdim).
         """
@@ -166,7 +167,7 @@ class ShapePoints:
         return np.asarray(out[..., :gdim])
 
     def _areas(self, x: Array) -> Array:
-        """Areas that the points stand for, (facets, points)."""
+        """Areas of the points, (facets, points)."""
         out = self._w * np.linalg.norm(self._area_vectors(x), axis=2)
         if self._slave.axisymmetric:
             nv = self._slave.num_facet_vertices
@@ -180,7 +181,7 @@ class ShapePoints:
         return np.asarray(self._measured.node_area)
 
     def choose(self, places: Places) -> Array | None:
-        """See :class:`Cutter`: vertices that are ahead of their facets, see ``pair_vertices``."""
+        """See :class:`Cutter`: vertices that protrude from their facets, see ``pair_vertices``."""
         if self._corners is None:
             return None
         slave, corners = self._slave, self._corners
@@ -201,7 +202,7 @@ class ShapePoints:
         return sides_of(self._slave) if self._corners is None else self._sides_of(self._corners)
 
     def _sides_of(self, chosen: Flags) -> Flags:
-        """Sides of owned nodes that belong to some vertices of facets. Collective."""
+        """Smooth patches of owned nodes at the chosen vertices of facets. Collective."""
         sums = sums_of_sides(self._slave, self._dofs.ravel(), chosen.astype(np.float64).ravel())
         return np.asarray(sums > 0.5)
 
@@ -211,7 +212,7 @@ class ShapePoints:
         return np.stack([at_vertices(self._slave, values) for values in of_nodes], axis=2)
 
     def _weights(self, x: Array, vertices: Array | None) -> Array:
-        """Areas that the points stand for where areas are measured. Collective."""
+        """Areas of the points; for points at vertices those of ``vertices``. Collective."""
         if self._corners is None or vertices is None:
             return self._areas(x)
         area = at_vertices(self._slave, vertices.sum(axis=1))
@@ -238,7 +239,7 @@ class ShapePoints:
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
 
     def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
-        """See :class:`Cutter`: points are fixed."""
+        """See :class:`Cutter`: None, as the points are fixed on their facets."""
         return None
 
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -247,12 +248,12 @@ class ShapePoints:
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=True, rows=2)
 
     def _paired(self, found: Found, alone: Alone, factor: float = 1.0) -> _cpp.PairingPoints:
-        """The points that are opposite to the tool, and those that are alone.
+        """The points that face the tool, and the points without a partner.
 
         Args:
-            found: What has been found.
-            alone: Those.
-            factor: Of normals.
+            found: Points that face the tool.
+            alone: Points without a partner.
+            factor: Factor of the normals.
         """
         return self._pairing_points(found, factor).with_alone(*alone)
 
@@ -279,14 +280,14 @@ class ShapePoints:
         markers: Vecs,
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
-        """See :class:`Cutter`: points are fixed, and areas are those of their facets."""
+        """See :class:`Cutter`; points are fixed, but their areas change with the facets."""
         at = found.of_cutter
         if self._corners is not None and turning is None:
             return None
         forces = at.weight * self._at_points(at, rest)
         some = np.flatnonzero(np.any(at.weight > 0, axis=1))
         value = np.einsum("fp,pk,fpjc->fkjc", forces[some], self._N, self._growth(at, some))
-        if turning is not None:  # τ stays in the plane of the tool there: n·δτ = −τ·δn
+        if turning is not None:  # τ stays in the tangent plane of the tool: n·δτ = −τ·δn
             vectors, component = turning
             n, bent = at.normal[some][..., component], self._bent(at, some)
             turned = np.einsum("fpa,fpac->fpc", self._at_points(at, vectors)[some], bent)
@@ -302,9 +303,10 @@ class ShapePoints:
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
     ) -> SlipAtPoints:
-        """See :class:`Cutter`: what has been between a point and its place on the tool.
+        """See :class:`Cutter`: slip of the points relative to the tool.
 
-        That turns with the tool, and its tangential part is the slip.
+        It is the tangential part of the vector at the start from a point to the material point of
+        the tool that it faces now. This vector turns with the tool.
         """
         at, gdim = found.of_cutter, self._slave.gdim
         kept = at.weight > 0
@@ -333,7 +335,7 @@ class ShapePoints:
     def moving_slip(
         self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
     ) -> Changes:
-        """See :class:`Cutter`: places on the tool, and planes there, move with the points."""
+        """See :class:`Cutter`; the tool's closest points and planes move with the points."""
         return Changes(slip.operator, self._by_nodes(found, slip, leaning, markers))
 
     def add_slip_curvature_of_points(
@@ -344,7 +346,7 @@ class ShapePoints:
         markers: Vecs,
         to: Destination,
     ) -> None:
-        """See :class:`Cutter`: points are fixed; tractions stay in the planes of the tool."""
+        """See :class:`Cutter`; points are fixed, and tractions stay tangential to the tool."""
         at = found.of_cutter
         tau = self._at_points(at, traction)
         some = np.flatnonzero(np.any(tau != 0, axis=(1, 2)))
@@ -355,33 +357,33 @@ class ShapePoints:
         self._insert(to, self._free(markers, some), H)
 
     def _at_points(self, points: Points, values: Array) -> Array:
-        """Values of rows at all points, 0 of those that have none, (facets, points, …)."""
+        """Values of constraints at all points, 0 at points without one, (facets, points, …)."""
         kept = points.weight > 0
         out = np.zeros(kept.shape + values.shape[1:])
         out[kept] = values[: np.count_nonzero(kept)]
         return out
 
     def _bent(self, points: Points, some: npt.NDArray[np.int64]) -> Array:
-        """∂n/∂x of the tool at points of some facets, (facets, points, gdim, gdim)."""
+        """∂n/∂x of the tool at the points of selected facets, (facets, points, gdim, gdim)."""
         gdim = self._slave.gdim
         bent = self._tool.curvature(points.x[some].reshape(-1, 3), points.position)
         return np.asarray(bent.reshape(len(some), len(self._w), 3, 3)[..., :gdim, :gdim])
 
     def _growth(self, points: Points, some: npt.NDArray[np.int64]) -> Array:
-        """See :meth:`_area_growth`, by all nodes of some facets; vertices keep their areas."""
+        """See :meth:`_area_growth`, for all nodes of selected facets; 0 for points at vertices."""
         out = np.zeros((len(some), len(self._w), self._T.shape[1], self._slave.gdim))
         if self._corners is None:
             out[:, :, : self._slave.num_facet_vertices] = self._area_growth(points.places[some])
         return out
 
     def _free(self, markers: Vecs, some: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-        """Unknowns of nodes of some facets, −1 where conditions hold, (facets, nodes, gdim)."""
+        """Unknowns of nodes of selected facets, −1 if constrained, (facets, nodes, gdim)."""
         held = self._values(markers[0])[some, :, : self._slave.gdim] != 0
         return np.where(held, -1, self._slave.trace_dofs[0][some]).astype(PETSc.IntType)
 
     @staticmethod
     def _insert(to: Destination, dofs: npt.NDArray[np.int32], H: Array) -> None:
-        """Add matrices of facets, (facets, nodes, gdim, nodes, gdim)."""
+        """Add the facet matrices H, (facets, nodes, gdim, nodes, gdim)."""
         width = int(np.prod(dofs.shape[1:]))
         numbers = to.numbers[0](dofs.reshape(-1, width).astype(np.int64))
         to.sums.add_squares(numbers, to.scale[0] * H)
@@ -393,7 +395,7 @@ class ShapePoints:
         leaning: Array,
         markers: Vecs,
     ) -> tuple[int, PETSc.Mat]:
-        """How slips change as planes of the tool turn where points move; a row a component."""
+        """Derivative of slips due to turning tangent planes of the tool, a row per component."""
         at, gdim, comm = found.of_cutter, self._slave.gdim, self._slave.comm
         num_rows = slip.operator.num_rows * gdim
         rows = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
@@ -435,7 +437,7 @@ class ShapePoints:
         return found.of_cutter.x[kept], found.of_cutter.distance[kept]
 
     def facet_sizes(self, found: Found) -> Array:
-        """See :class:`Cutter`; as the mesh was read last."""
+        """See :class:`Cutter`; sizes are those of the mesh when it was last read."""
         kept, x = found.of_cutter.weight > 0, self._slave.coordinates[0]
         size = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1).max(axis=(1, 2), initial=0.0)
         return np.asarray(np.broadcast_to(size[:, None], kept.shape)[kept])

@@ -1,4 +1,4 @@
-"""How far the two sides of a tie have moved since it was made."""
+"""Relative motion of the two sides of a tie since the tie was made."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
 
 class Tie:
-    """Where meshes and a tool were when a tie was made: its pairs are material points and stay.
+    """Positions of meshes and a tool when a tie was made; its pairs are fixed material points.
 
-    Displacements of the unknowns count from the meshes; what these have moved themselves, as those
-    of flowing bodies do, belongs to the jump as well.
+    Displacements of the unknowns count from the meshes. The motion of the meshes themselves, as of
+    velocity-based bodies, is also part of the relative displacement.
 
     Args:
         slave: Surface that carries the multiplier.
@@ -37,7 +37,7 @@ class Tie:
         self._pose = None if self._tool is None else self._tool.state.pose
 
     def places(self) -> Places:
-        """Where the two surfaces were when they were last updated."""
+        """Positions of the two surfaces at their last update."""
         slave, master = self._surfaces
         return trace_positions(slave).copy(), None if master is None else trace_positions(master)
 
@@ -53,13 +53,13 @@ class Tie:
     def moved(
         self, places: Places | None, u: Vecs, scale: tuple[float, float], offset: Places | None
     ) -> Places:
-        """Where displacements put the surfaces. Collective.
+        """Positions of the displaced surfaces. Collective.
 
         Args:
-            places: Where they are without; None where they were tied.
+            places: Positions without these displacements; None for those at which they were tied.
             u: Unknowns of both bodies.
             scale: Displacement per unknown.
-            offset: Displacements on top of those, as :meth:`values` gives them; None for none.
+            offset: Additional displacements, as returned by :meth:`values`; None for none.
         """
         out = list(places or self._x)
         for i, moved in enumerate(self.values(u)):
@@ -70,12 +70,12 @@ class Tie:
         return out[0], out[1]
 
     def motion(self, places: Places | None) -> tuple[PETSc.Vec, PETSc.Vec | None]:
-        """What makes the jump besides the unknowns: new vectors of the two bodies. Collective.
+        """Relative motion that is not in the unknowns: new vectors of the two bodies. Collective.
 
-        A tool's motion is counted as that of the slave the other way.
+        The motion of a tool is counted as the opposite motion of the slave.
 
         Args:
-            places: Where the surfaces are; None where they were.
+            places: Positions of the surfaces; None for those at which they were tied.
         """
         now = places or self._x
         slave = self._change(self._surfaces[0], now[0], self._x[0])
@@ -94,9 +94,9 @@ class Tie:
         return trace_vec(surface, (now - before)[..., : surface.gdim])
 
     def of_tool(self, field: Affine) -> PETSc.Vec:
-        """A field over the places where the tool is now, at the slave's unknowns. Collective.
+        """Values of a field over the tool's present position at the slave's unknowns. Collective.
 
-        The slave is taken where it would be if it had followed the tool.
+        The position of the slave is taken as if it had moved with the tool.
         """
         moved = self._of_tool()
         if moved is not None:
@@ -104,7 +104,7 @@ class Tie:
         return affine_vec(self._surfaces[0], field, self._x[0])
 
     def _of_tool(self) -> Affine | None:
-        """What a tool has moved since, as a field over the places where it was."""
+        """Motion of a tool since the tie was made, as a field over its position then."""
         if self._tool is None or self._pose is None:
             return None
         return self._tool.state.pose.since(self._pose)

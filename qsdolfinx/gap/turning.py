@@ -1,4 +1,4 @@
-"""Gaps between tied surfaces, which turn with the facets of the master."""
+"""Co-rotated gaps between tied surfaces, which turn with the facets of the master."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from qsdolfinx.surface.trace import TraceValues
 
 Array = npt.NDArray[np.float64]
 
-#: Gap, in units of the smallest facet, that is none but for rounding.
+#: Largest gap, in units of the smallest facet, that counts as rounding.
 NONE = 1e-12
 
-#: Vertices of the reference facets, by their number.
+#: Vertices of the reference facets, by the number of vertices.
 _CORNERS = {
     2: np.array([[0.0], [1.0]]),
     3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
@@ -31,10 +31,10 @@ _CORNERS = {
 
 @dataclasses.dataclass(frozen=True)
 class Turned:
-    """How gaps have turned at some places of the surfaces.
+    """Rotation of gaps at given positions of the surfaces.
 
     Attributes:
-        operator: Derivative of the mean of x_slave − x_master − R d there.
+        operator: Derivative of the mean of x_slave − x_master − R d at these positions.
         moved: Mean of −(R − 1) d, shape (rows, gdim).
     """
 
@@ -43,30 +43,31 @@ class Turned:
 
 
 class Turning:
-    """What is between two surfaces when they are tied: it turns with the master.
+    """Co-rotated gaps between two surfaces that are tied across a gap.
 
-    A point of the slave is tied to a place of the master across a gap d = x_slave − x_master. Both
-    stay material places, and the jump between them is x_slave − x_master − R d with the rotation R
-    of the master's facet there. So bodies that turn together are not strained, and a tie transmits
-    the moment of its force over the gap: the work of R d is that of a couple on the facet. A point
-    that was found for a node of the master has no facet there; its gap turns with the slave's.
+    A point of the slave is tied to a point of the master across a gap d = x_slave − x_master. Both
+    are material points. Their relative displacement is x_slave − x_master − R d, with the rotation
+    R of the master's facet. Therefore a common rotation of the bodies causes no strain, and a tie
+    transmits the moment of its force over the gap: the work of R d is that of a couple on the
+    facet. A point that was found for a node of the master has no facet of the master; its gap turns
+    with the slave's facet.
 
-    R takes the facet's normal N to n. Around it, it is the rotation in the polar decomposition of
-    the facet's deformation: with E₁, E₂ orthonormal on the facet as it was and f₁, f₂ as they are
-    now, R E₁ is along f₁ − n × f₂.
+    R maps the facet's reference normal N to the present normal n. About n, it is the rotation in
+    the polar decomposition of the facet's deformation: with E₁, E₂ orthonormal on the facet when it
+    was tied and f₁, f₂ their present images, R E₁ is along f₁ − n × f₂.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
-        points: Pairing points of the two.
-        places: Where both are.
+        points: Contact quadrature points between the two surfaces.
+        places: Positions of both surfaces.
     """
 
     def __init__(
         self, slave: Surface, master: Surface, points: _cpp.PairingPoints, places: Places
     ) -> None:
         self._surfaces, self._points = (slave, master), points
-        #: The slave as it is now: jumps stay means over the areas that it has when it is tied.
+        #: The slave when it is tied: relative displacements stay means over its areas then.
         self._tied_slave = slave.twin()
         sides = points.slave, points.master
         self._sides = [_Side(s, side) for s, side in zip(self._surfaces, sides, strict=True)]
@@ -77,9 +78,9 @@ class Turning:
         gap = x[0] - x[1]
         none = NONE * min(s.facet_size_range[0] for s in self._surfaces)
         gap[np.linalg.norm(gap, axis=1) <= none] = 0.0
-        #: d of each point in the frame of its facet, (points, 3).
+        #: Gap d of each point in the frame of its facet, (points, 3).
         self._local: list[Array] = []
-        #: From derivatives along the reference facet to those along E₁ and E₂, (points, 2, 2).
+        #: Maps derivatives on the reference facet to those along E₁ and E₂, (points, 2, 2).
         self._along: list[Array] = []
         for side, nodes in zip(self._sides, self._nodes(places), strict=True):
             tangents = side.tangents(nodes)
@@ -93,12 +94,12 @@ class Turning:
         self._sums: _cpp.GapOperator | None = None
 
     def at(self, places: Places, plain: _cpp.GapOperator, rows: int) -> Turned:
-        """How gaps have turned with the surfaces at these places. Collective.
+        """Rotation of the gaps with the surfaces at these positions. Collective.
 
         Args:
-            places: Where both surfaces are.
-            plain: Operator of the jump without what turns.
-            rows: What rows are, see ``WeightedGap``.
+            places: Positions of both surfaces.
+            plain: Operator of the relative displacement without co-rotated gaps.
+            rows: Kind of constraints, see ``WeightedGap``.
         """
         gdim, turn, nodes = self._surfaces[0].gdim, [], self._nodes(places)
         gaps = self._turned(nodes)
@@ -110,14 +111,14 @@ class Turning:
         return Turned(operator, self._moved(gaps, plain))
 
     def moved(self, places: Places, plain: _cpp.GapOperator) -> Array:
-        """``Turned.moved`` with the surfaces at these places. Collective."""
+        """``Turned.moved`` with the surfaces at these positions. Collective."""
         return self._moved(self._turned(self._nodes(places)), plain)
 
     def _moved(self, gaps: list[Array], plain: _cpp.GapOperator) -> Array:
         return -self._mean(gaps[0] + gaps[1] - self._gap, plain)[:, : self._surfaces[0].gdim]
 
     def _turned(self, nodes: list[Array]) -> list[Array]:
-        """R d of the points that turn with either side, 0 of others, (points, 3)."""
+        """R d on each side, of the points that turn with it and 0 for others, (points, 3)."""
         out = []
         for i, side in enumerate(self._sides):
             frame = side.frame(side.tangents(nodes[i]), self._along[i])[0]
@@ -126,7 +127,7 @@ class Turning:
         return out
 
     def _nodes(self, places: Places) -> list[Array]:
-        """Places of the nodes of each point's facets, of both sides. Collective."""
+        """Positions of the nodes of each point's facets, on both sides. Collective."""
         out = []
         for side, surface, x in zip(self._sides, self._surfaces, places, strict=True):
             assert x is not None
@@ -160,20 +161,20 @@ class Turning:
 
 
 class _Side:
-    """Facets of one surface that the points are on.
+    """Facets of one surface on which the points are.
 
     Args:
         surface: The surface.
-        side: Of the pairing points.
+        side: Side of the contact quadrature points on this surface.
     """
 
     def __init__(self, surface: Surface, side: dict[str, typing.Any]) -> None:
         self._gdim = surface.gdim
         dofs, self.N = np.asarray(side["dofs"]), np.asarray(side["shape_values"])
         used = np.asarray(side["owner"]) >= 0
-        #: Whether it is on a facet, not a node by itself; shape (points,).
+        #: Whether a point is on a facet, not only at a node; shape (points,).
         self.on_facet = used.all(axis=1)
-        known = np.where(dofs >= 0, dofs, dofs[:, :1])  # places that nothing uses
+        known = np.where(dofs >= 0, dofs, dofs[:, :1])  # entries that are not used
         self.values = TraceValues(surface, known)
         nv = surface.num_facet_vertices
         corners = _CORNERS[nv]
@@ -184,9 +185,9 @@ class _Side:
         self._dN = np.asarray(_cpp.trace_gradients(nv, surface.degree, xi))
 
     def tangents(self, nodes: Array) -> Array:
-        """Derivatives of places along the reference facet, (points, 2, 3); in 2D the second is z.
+        """Derivatives of positions on the reference facet, (points, 2, 3); in 2D the second is z.
 
-        Points that are not on a facet have those of a facet in the plane of x and y.
+        For points that are not on a facet, they are those of a facet in the plane of x and y.
         """
         out = np.einsum("pja,pji->pai", self._dN, nodes)
         if self._gdim == 2:
@@ -210,7 +211,7 @@ class _Side:
         δφ = (R E₂·δf₁ − R E₁·δf₂) / |f₁ − n × f₂|.
 
         Args:
-            nodes: Places of the nodes.
+            nodes: Positions of the nodes.
             along: As for :meth:`frame`.
             gap: R d, shape (points, 3).
         """
@@ -235,6 +236,6 @@ def _unit(vectors: Array) -> Array:
 
 
 def _orthonormal(tangents: Array) -> Array:
-    """Factors of tangents (points, 2, 3) that give orthonormal ones, (points, 2, 2)."""
+    """Matrices that make the tangents (points, 2, 3) orthonormal, (points, 2, 2)."""
     metric = np.einsum("pai,pbi->pab", tangents, tangents)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(metric)))

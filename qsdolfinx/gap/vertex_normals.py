@@ -1,4 +1,4 @@
-"""Normals at the vertices of a surface that moves, and how they turn with it."""
+"""Averaged normals at the vertices of a moving surface, and their derivatives."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from qsdolfinx.pairing.facets import Faceted, at_vertices, sums
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Of facets with so many vertices: factors of these in d₁ and d₂, and f, so that f d₁ × d₂ is the
-#: area vector at the centre; in 2D d₂ is the third axis.
+#: By the number of vertices of a facet: factors of the vertices in d₁ and d₂, and f, so that f d₁ ×
+#: d₂ is the area vector at the centre; in 2D d₂ is the third axis.
 AREA_VECTOR: dict[int, tuple[list[float], list[float], float]] = {
     2: ([-1, 1], [0, 0], 1.0),
     3: ([-1, 1, 0], [-1, 0, 1], 0.5),
@@ -33,13 +33,13 @@ def cross_matrix(a: Array) -> Array:
 
 
 class VertexNormals:
-    """Unit normals m = Σ s_f/|Σ s_f| of vertices that no crease leads through.
+    """Unit normals m = Σ s_f/|Σ s_f| of vertices that are on no sharp edge.
 
     s_f is the area vector of a facet at its centre.
 
     Args:
         facets: The surface.
-        sharp: Its owned nodes at creases, whose normals are 0.
+        sharp: Owned nodes on sharp edges; their normals are 0.
     """
 
     def __init__(self, facets: Faceted, sharp: Flags) -> None:
@@ -51,14 +51,14 @@ class VertexNormals:
         self._signs: Array = self._factor * np.where(out > 0, 1.0, -1.0)
 
     def _edges(self, x: Array) -> tuple[Array, Array]:
-        """d₁ and d₂ of facets at these places, (facets, 3)."""
+        """d₁ and d₂ of facets with these vertices, (facets, 3)."""
         d1, d2 = (np.einsum("v,fvd->fd", np.array(d, float), x) for d in (self._d1, self._d2))
         if len(self._d1) == 2:
             d2[:, 2] = 1.0
         return d1, d2
 
     def at(self, x: Array) -> NormalsThere:
-        """Normals where the vertices are, (facets, vertices, 3). Collective."""
+        """Normals for vertices at positions x, (facets, vertices, 3). Collective."""
         count = x.shape[1]
         area = self._signs[:, None] * np.cross(*self._edges(x))
         total = [sums(self._facets, np.repeat(a, count)) for a in area.T]
@@ -68,11 +68,11 @@ class VertexNormals:
         return NormalsThere(self, x, normal, length)
 
     def derivative(self, there: NormalsThere, wanted: Flags) -> PETSc.Mat:
-        """∂m/∂x, rows of vertices that are wanted, a new matrix of the body's layout. Collective.
+        """∂m/∂x in the rows of selected vertices: a new matrix of the body's layout. Collective.
 
         Args:
             there: The normals.
-            wanted: Owned nodes.
+            wanted: Owned nodes whose rows are computed.
         """
         facets, gdim = self._facets, self._facets.gdim
         dofs = facets.trace_dofs[0][:, : there.x.shape[1]].astype(np.int64)
@@ -98,13 +98,13 @@ class VertexNormals:
 
 
 class NormalsThere(typing.NamedTuple):
-    """Normals of a surface at some place.
+    """Normals of a surface for given vertex positions.
 
     Attributes:
-        of: The surface.
-        x: Where the vertices are, (facets, vertices, 3).
-        normal: m of owned nodes, 0 at creases, (nodes, 3).
-        length: |Σ s_f|, 0 likewise, (nodes,).
+        of: Normals of the surface in any position.
+        x: Positions of the vertices, (facets, vertices, 3).
+        normal: m of owned nodes, 0 on sharp edges, (nodes, 3).
+        length: |Σ s_f|, 0 on sharp edges, (nodes,).
     """
 
     of: VertexNormals
@@ -121,10 +121,10 @@ class NormalsThere(typing.NamedTuple):
         return out
 
     def turn(self, entries: typing.Sequence[tuple[npt.NDArray[np.int64], ...]]) -> PETSc.Mat:
-        """∂m/∂x where these entries have columns. Collective.
+        """∂m/∂x in the rows that are columns of given matrix entries. Collective.
 
         Args:
-            entries: Rows, columns, and values, columns being components of normals.
+            entries: Rows, columns and values of the entries; columns are components of normals.
         """
         facets = self.of._facets
         vec = facets.create_vec()
@@ -143,7 +143,7 @@ def new_matrix(
     entries: tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike],
     comm: typing.Any,
 ) -> PETSc.Mat:
-    """Matrix of entries, sums where there are several, some perhaps of other ranks. Collective."""
+    """New matrix from entries of any rank; repeated entries are summed. Collective."""
     out = PETSc.Mat().create(comm=comm)
     out.setSizes((rows, columns))
     out.setType(PETSc.Mat.Type.AIJ)

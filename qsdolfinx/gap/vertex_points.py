@@ -1,4 +1,4 @@
-"""Points of gaps that follow the bodies at vertices, which are ahead of their facets."""
+"""Points of updated gaps at vertices on sharp edges, which protrude from their facets."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Cosine of the angle (20°) by which a tool's facets have to lean beside a vertex that has a point:
-#: what a punch presses flat turns by less at its corner, and its facets see that.
+#: Cosine of the angle (20°) by which the facets of a tool have to be inclined at a vertex that gets
+#: a point. A surface that a punch presses flat turns by less at the corner of the punch, and the
+#: points of the facets detect that.
 LEANS = float(np.cos(np.pi / 9))
 
 
 class Vertices:
-    """Vertices of the slave at creases, before the facets opposite, along the normals of these.
+    """Points at vertices of the slave on sharp edges, along the normals of the facets they face.
 
-    Facets with creases at all of their vertices are those of a coarse curved surface: in its
-    corners a vertex would face now this one, now that one, and there its own facets see as much.
+    Facets of a deformable master with sharp edges at all of their vertices belong to a coarse
+    curved surface and get no such points: in its corners a vertex would alternate between facets,
+    and the points of its own facets see as much there.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
-        radius: Beyond which points are not paired.
+        radius: Search distance: points farther away are not paired.
     """
 
     both, are_own, raised = False, True, 1
@@ -51,19 +53,19 @@ class Vertices:
         self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
         self._normals = normals_of(self._facets, self._sharp_there > 0.5)
         x, _, nodes = slave.coordinates
-        #: Which way normals of vertices look that are found without a look at the body.
+        #: Signs that make normals computed from the facet vertices alone outward.
         self._signs: Array = np.sign(
             np.sum(unit_normals(x, nodes) * normals_at_vertices(slave), axis=2)
         )
 
     def sides(self) -> Flags:
-        """See :class:`Finder`: one of each sharp vertex."""
+        """See :class:`Finder`: one patch for each sharp vertex."""
         out = np.zeros((len(self._sharp), self._slave.block), dtype=bool)
         out[:, 0] = self._sharp
         return out
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
-        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
+        """See :class:`Finder`: vertices that protrude from their facets, see ``pair_vertices``."""
         surfaces[0].measure_nodes()
         points = _cpp.pair_vertices(*surfaces, self._sharp.astype(np.uint8), self._radius)
         some = self._are_before_smooth_facets(points)
@@ -79,7 +81,7 @@ class Vertices:
         return out
 
     def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
-        """Points before facets that have a vertex at no crease, (points,). Collective."""
+        """Points that face a facet with a vertex on no sharp edge, (points,). Collective."""
         if self._master is None:
             return np.ones(points.size, dtype=bool)
         dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
@@ -95,19 +97,19 @@ class Vertices:
         which = (area > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*surfaces, False, which, area, self._radius)
         normals = raise_facets(out, self._normals, surfaces[1])
-        return out, normals if self._master is not None else None  # a tool's are as they are
+        return out, normals if self._master is not None else None  # a tool's normals do not change
 
 
 class ToolVertices:
-    """Vertices of a rigid tool at creases, before the body's facets, along the normals of these.
+    """Points at vertices of a rigid tool on sharp edges, along the normals of the body's facets.
 
-    The tool has no multipliers: the nodes of the body have one more for these points, which see
-    Σ_k λ_k N_k(ζ) wherever they slide.
+    The tool has no multipliers. For these points, the nodes of the body have one more multiplier
+    each; the multiplier at a point is Σ_k λ_k N_k(ζ), wherever the point slides.
 
     Args:
         slave: The body's surface.
         tool: The tool, made of facets.
-        radius: Beyond which points are not paired.
+        radius: Search distance: points farther away are not paired.
     """
 
     both, are_own, raised = True, False, 0
@@ -118,22 +120,22 @@ class ToolVertices:
         self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
         self._normals = normals_of(slave, self._sharp_there)
         x = self._facets.coordinates[0]
-        #: Which way normals of vertices look that are found without a look at the tool.
+        #: Signs that make normals computed from the tool's vertices alone outward.
         self._signs: Array = np.sign(
             np.sum(unit_normals(x) * normals_at_vertices(self._facets), axis=2)
         )
         count = slave.comm.allreduce(len(slave.node_area))
-        #: Areas that vertices stand for: those of a node of the body.
+        #: Areas of the vertices: the mean area of a node of the body.
         self._area: Array = np.full(len(self._sharp), slave.area / count)
 
     def sides(self) -> Flags:
-        """See :class:`Finder`: one of each node."""
+        """See :class:`Finder`: one patch for each node."""
         out = np.zeros((len(self._sharp_there), self._slave.block), dtype=bool)
         out[:, 0] = True
         return out
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
-        """See :class:`Finder`: those that are ahead of their facets, see ``pair_vertices``."""
+        """See :class:`Finder`: vertices that protrude from their facets, see ``pair_vertices``."""
         slave, tool = surfaces
         tool.measure_nodes()
         points = _cpp.pair_vertices(tool, slave, self._sharp.astype(np.uint8), self._radius)
@@ -157,7 +159,7 @@ class ToolVertices:
 
 
 def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:
-    """What tells normals of facets before vertices; None of degree 2, which stay as they are."""
+    """Averaged vertex normals of a surface; None for degree 2, whose normals do not change."""
     if isinstance(facets, Surface) and facets.degree > 1:
         return None
     return VertexNormals(facets, sharp)
@@ -166,15 +168,15 @@ def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:
 def raise_facets(
     pieces: _cpp.Pieces, normals: VertexNormals | None, moved: _cpp.Surface
 ) -> NormalsThere | None:
-    """Let facets before vertices stand for a surface that does not turn where they meet.
+    """Replace facets that vertices face by a surface without kinks between facets. Collective.
 
-    A vertex that rests where facets meet has no side to choose then. Normals are those of where the
-    surface is now. Collective.
+    A vertex that rests where facets meet then has no facet to choose. Normals are those of the
+    present position of the surface.
 
     Args:
         pieces: The points.
-        normals: Tells them.
-        moved: The surface where it is.
+        normals: Averaged vertex normals of the surface.
+        moved: The surface in its present position.
     """
     if normals is None:
         return None

@@ -1,4 +1,4 @@
-"""The weighted gap of one pass: where the multiplier lives and what it acts on."""
+"""The weighted gap of one integration side, and its multipliers."""
 
 from __future__ import annotations
 
@@ -39,38 +39,44 @@ Flags = npt.NDArray[np.bool_]
 #: Vectors of the slave's and of the master's body, None for a rigid tool.
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
-#: What rows are, in the order of GapRows in cpp/gap/gap.h.
+#: Kinds of constraints, in the order of GapRows in cpp/gap/gap.h.
 KINDS = ("area", "cover", "points")
 
 
 @dataclasses.dataclass
 class GapState:
-    """What changes at the rows of a weighted gap, while its pairing stays.
+    """Variable data of the constraints of a weighted gap, for fixed contact pairs.
+
+    "Rows" in shapes is the number of constraints.
 
     Arrays are replaced, never written into: a shallow copy keeps the state.
 
     Attributes:
         values: ḡ of the last evaluation, shape (rows, 1) or (rows, gdim); at first that of u = 0.
-        augmented: λ̂, of the same shape; with rows at points for the sides of all owned nodes,
-            shape (nodes, gdim), see ``PointRows``. With a penalty alone λ of the last solution,
-            where the next solve begins.
-        offset: Gap of displacements on top of those of the unknowns, of the same shape.
-        shift: What a rigid tool's motion adds to ḡ, of the same shape.
-        allowance: Gap (length) at each row that counts as none: overclosure that is not resolved.
-            Of gaps that follow, of the sides of nodes, as ``augmented``.
+        augmented: Lagrange multiplier λ̂, of the shape of ``values``; with constraints at points
+            for the smooth patches of all owned nodes, shape (nodes, gdim), see ``PointRows``. With
+            a penalty alone λ of the last solution, where the next solve begins.
+        offset: Gap due to displacements added to those of the unknowns, of the shape of ``values``.
+        shift: Contribution of the motion of a rigid tool to ḡ, of the shape of ``values``.
+        allowance: Gap (length) of each constraint that counts as zero: overclosure that is not
+            resolved. With updated geometry, at the patches of nodes, as ``augmented``.
         scale: Displacement per unknown of the slave's and of the master's body.
-        carried: Jump (length) that meshes and a tool have made since they were tied, likewise.
-        places: Where meshes had moved tied surfaces by then; None where they were tied.
-        turned: How gaps between tied surfaces have turned by then, or by the last evaluation.
-        base: Where facets that follow their bodies are with unknowns 0.
-        vertices: Where points are vertices, the areas that they stand for at the sides of owned
-            nodes that have one, 0 at others, (nodes, block): they stay as they were when they were
-            chosen, since multipliers are over them. None where points are on facets.
-        conductance: h of the rows, of contact that conducts; None of other laws.
-        closed: With rows at points, the closed part of what each side of an owned node covers at
-            the last solution, (nodes, gdim); None before any.
-        memory: What the law remembered of the owned nodes when the step began, by name, (nodes,).
-        committed: The same from the end of the last step on, as long as no other has begun.
+        carried: Relative displacement (length) due to meshes and a tool since the tie was made, of
+            the shape of ``values``.
+        places: Positions of tied surfaces after the motion of the meshes that ``carried`` includes;
+            None for those at which they were tied.
+        turned: Rotation of the gaps between tied surfaces at these positions, or at the last
+            evaluation.
+        base: Positions of facets with updated geometry for unknowns 0.
+        vertices: For points at vertices, their areas at the patches of owned nodes that have a
+            point, 0 at other patches, (nodes, block). They stay as they were when the vertices were
+            chosen, because multipliers are per these areas. None for points on facets.
+        conductance: h of the constraints for a conductance law; None for other laws.
+        closed: With constraints at points, the part in contact of the covered area of each patch of
+            an owned node at the last solution, (nodes, gdim); None before any.
+        memory: History variables of the law at the owned nodes at the start of the step, by name,
+            (nodes,).
+        committed: History variables at the end of the last step, until the next step begins.
     """
 
     values: Array
@@ -93,24 +99,25 @@ class GapState:
 class WeightedGap:
     """ḡ_k = (1/S_k) Σ_p w_p N_k(ξ_p) [(u_s − u_m)·n_p − δ_p] on the slave nodes of this rank.
 
-    A jump law weights the vector u_s − u_m instead. One row per slave node that a pairing point
-    reaches, and in the corner of several walls one per side of the node, whose area takes the place
-    of S_k; or, with rows at points, one per pairing point, g_p = (u_s − u_m)·n_p − δ_p with the
-    weight w_p in place of S_k.
+    A law with ``jump`` uses the vector u_s − u_m instead. There is one constraint for each slave
+    node with a contact quadrature point in its support. In the corner of several walls there is one
+    for each smooth patch of the node, with the area of the patch instead of S_k. With constraints
+    at points there is one for each contact quadrature point, g_p = (u_s − u_m)·n_p − δ_p, with the
+    weight w_p instead of S_k.
 
-    With an augmented Lagrangian, the law sees the gap ḡ + λ̂/ε, λ̂ being the multiplier so far: it
-    then gives λ = [λ̂ + ε ḡ]₊ or λ̂ + ε ⟦u⟧. With λ̂ = 0 that is the penalty method. Nodes that are
-    covered in part get a larger ε there, S_k / Σ w_p N_k times: otherwise they
-    would need very many updates of λ̂.
+    With an augmented Lagrangian, the law is evaluated at the gap ḡ + λ̂/ε, where λ̂ is the present
+    multiplier: it then gives λ = [λ̂ + ε ḡ]₊ or λ̂ + ε ⟦u⟧. With λ̂ = 0 this is the penalty method.
+    For nodes that are covered in part, ε is multiplied by S_k / Σ w_p N_k: otherwise they would
+    need very many multiplier updates.
 
-    With rows at points λ̂ still belongs to the nodes, at creases one to each smooth side of the
-    surface, and points see λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
+    With constraints at points, λ̂ still belongs to the nodes; at sharp edges there is one λ̂ for
+    each smooth patch of the surface. The multiplier at a point is λ̂_h = Σ_k λ̂_k N_k(ξ_p). It is
     updated to the function that is closest to [λ̂_h + ε g_p]₊. λ̂ may become negative at a node
-    beside the edge of contact, where λ̂_h is to follow a pressure that ends within a facet.
+    beside the edge of contact, where λ̂_h approximates a pressure that ends within a facet.
 
-    On the overlay the sum is divided by Σ_p w_p N_k(ξ_p), the part of S_k that is covered, so that
-    the gap of a node at the rim is the mean gap of what it covers. At nodes it is divided by S_k,
-    as in (12).
+    On the overlay the sum is divided by Σ_p w_p N_k(ξ_p), the covered part of S_k, so that the gap
+    of a node at the boundary of the master is the mean over its covered support. At nodes it is
+    divided by S_k, as in (12).
 
     A rigid master has no unknowns; its motion r, a field that is linear in x, shifts the gap by
     the slave's part of the operator, ḡ = G_s (u_s − r) − d.
@@ -118,16 +125,16 @@ class WeightedGap:
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
-        points: Pairing points of the two.
-        law: What the gap is used for.
-        share: Part of the energy Σ S_k φ(ḡ_k) that this pass stands for.
-        rows: What rows are: ``"area"``, nodes, whose gap is divided by S_k; ``"cover"``, by what is
-            covered of it; or ``"points"``.
-        augmented: Whether λ̂ is going to be updated.
-        following: Cuts the facets anew at each evaluation, with rows at points; None for gaps that
-            are linear in u. The operator is then the derivative at the last evaluation.
-        turns: Whether what is between tied surfaces turns with the master: ``"finite"``, with each
-            evaluation, or ``"small"``, by small rotations since meshes moved; None for not.
+        points: Contact quadrature points between the two surfaces.
+        law: Contact law.
+        share: Part of the energy Σ S_k φ(ḡ_k) that this integration side contributes.
+        rows: Kind of constraints: ``"area"``, at nodes, with the gap divided by S_k; ``"cover"``,
+            at nodes, with the gap divided by the covered part of S_k; or ``"points"``.
+        augmented: Whether λ̂ is updated.
+        following: Updates the geometry at each evaluation, with constraints at points; the operator
+            is then the derivative at the last evaluation. None for gaps that are linear in u.
+        turns: Whether gaps between tied surfaces are co-rotated with the master: ``"finite"``, with
+            each evaluation, or ``"small"``, by small rotations since meshes moved; None for not.
     """
 
     def __init__(
@@ -148,23 +155,23 @@ class WeightedGap:
         self.law = law
         self._kind, self._share, self._is_augmented = KINDS.index(rows), share, augmented
         self.following = following
-        #: The last evaluation of gaps that follow the bodies.
+        #: The last evaluation of gaps with updated geometry.
         self.cut: Cut | None = None
         base = vertices = None
         if following is not None:
             base = following.paired_at
             vertices = following.choose(base)
             self.cut = following.cut(base, vertices)
-        #: Without what turns.
+        #: Operator without co-rotated gaps.
         self._own = self._operator(law.jump) if self.cut is None else self.cut.operator
         self._marked: Vecs | None = None
-        #: What turns between tied surfaces; None for nothing.
+        #: Co-rotated gaps between tied surfaces; None if there are none.
         self.turning: Turning | None = None
         self._turns_anew = turns == "finite"
         self._offset: tuple[Array, Array | None] | None = None
         zero = np.zeros((self._own.num_rows, self._own.width))
         multipliers: Array = zero
-        #: How values go between the rows and the slave's nodes.
+        #: Transfer of values between the constraints and the slave's nodes.
         self.rows: Rows
         if rows == "points":
             are_own = following is not None and following.points_are_own
@@ -172,14 +179,15 @@ class WeightedGap:
             multipliers = np.zeros_like(point_rows.cover_of_sides)
         else:
             self.rows = NodeRows(self._own, slave, points.by_sides)
-        #: Components of λ̂ that conditions hold on both sides; None if there are none anywhere.
+        #: Redundant components of λ̂, with Dirichlet conditions on both sides; None if there are
+        #: none on any rank.
         self.extension: Extension | None = None
-        #: What changes while the pairing stays.
+        #: Variable data, for fixed contact pairs.
         allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
         self.state = GapState(zero, multipliers, zero, zero, allowance)
         self.state.base, self.state.vertices = base, vertices
         self.forget()
-        #: How ties count what has moved since they were made; None of other laws.
+        #: Motion of tied surfaces since the tie was made; None for other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         if turns and self.tie is not None:
             self._begin_to_turn()
@@ -200,17 +208,17 @@ class WeightedGap:
 
     @property
     def _area(self) -> Array:
-        """What each row's gap is divided by."""
+        """Area by which the gap of each constraint is divided."""
         return self.operator.row_area
 
     @property
     def share(self) -> float:
-        """Part of the energy that the pass stands for."""
+        """Part of the energy that this integration side contributes."""
         return self._share
 
     @property
     def weight(self) -> Array:
-        """Area in the energy of each row: what its gap is divided by, times the share."""
+        """Area of each constraint in the energy: the area of its mean gap, times the share."""
         return np.asarray(self._share * self._area)
 
     @property
@@ -222,7 +230,7 @@ class WeightedGap:
 
     @property
     def relative_penalty(self) -> Array:
-        """ε of each row in units of the contact's; h where that is 1."""
+        """ε of each constraint in units of the contact's ε; for a conductance law h, with ε = 1."""
         if self.state.conductance is not None:
             return self.state.conductance
         if not (self._is_augmented and KINDS[self._kind] == "cover"):
@@ -230,7 +238,7 @@ class WeightedGap:
         return np.asarray(self.rows.node_area[self.operator.row_node] / self._area)
 
     def by_node(self) -> WeightedGap:
-        """The same with a row for each node: itself, unless rows are points. Collective."""
+        """The gap with constraints at nodes: itself unless they are at points. Collective."""
         if not self.rows.are_points:
             return self
         surfaces = self.slave, self.master
@@ -240,7 +248,7 @@ class WeightedGap:
 
     @property
     def present_points(self) -> _cpp.PairingPoints:
-        """Pairing points, of gaps that follow the bodies those of the last evaluation."""
+        """Contact quadrature points; with updated geometry those of the last evaluation."""
         if self.following is None or self.cut is None:
             return self.points
         return self.following.pairing_points(self.cut)
@@ -252,14 +260,15 @@ class WeightedGap:
 
     @property
     def num_rows(self) -> int:
-        """Rows on this rank."""
+        """Number of constraints on this rank."""
         return self._own.num_rows
 
     @functools.cached_property
     def cover_share(self) -> Array:
-        """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at first.
+        """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at the first call.
 
-        Σ_p w_p N_k over what a row's gap is divided by: 1, unless that is the area of a node.
+        This is Σ_p w_p N_k over the area by which the gap of a constraint is divided: 1, unless
+        that area is S_k of a node.
         """
         if KINDS[self._kind] != "area":
             return np.ones(self.num_rows)
@@ -267,13 +276,13 @@ class WeightedGap:
         return np.asarray(cover / self.operator.row_area)
 
     def jump_operator(self) -> _cpp.GapOperator:
-        """The operator of the whole jump vector, at the same rows. Collective."""
+        """The operator of the relative displacement vector, at the same constraints. Collective."""
         if self.following is not None and self.cut is not None:
             return self.following.jump_operator(self.cut)
         return self.operator if self.law.jump else self._operator(True)
 
     def change_of(self, u: Vecs) -> Array:
-        """How ḡ changes when the unknowns change by u. Collective."""
+        """Change of ḡ when the unknowns change by u. Collective."""
         return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.state.scale)
 
     def evaluate(self, u: Vecs) -> None:
@@ -296,15 +305,15 @@ class WeightedGap:
             state.values = np.where(self.extension.held, 0.0, state.values)
         self._augmented_at_rows()
 
-    # --- Gaps that turn
+    # --- Co-rotated gaps
 
     def turning_error(self, places: TiePlaces) -> Array:
-        """By how much rotations are too large for gaps that turn by small ones, (rows,).
+        """Error (length) of co-rotated gaps due to the assumption of small rotations, (rows,).
 
-        Length; collective.
+        Collective.
 
         Args:
-            places: Where the surfaces are at the last evaluation.
+            places: Positions of the surfaces at the last evaluation.
         """
         if self.turning is None or self.tie is None or self._turns_anew:
             return np.zeros(self.num_rows)
@@ -319,10 +328,10 @@ class WeightedGap:
         return np.asarray(np.linalg.norm(error, axis=1))
 
     def _begin_to_turn(self) -> None:
-        """Let what is between tied surfaces turn, if there is anything. Collective."""
+        """Start to co-rotate the gaps between tied surfaces, if there are any. Collective."""
         assert self.tie is not None
         if not isinstance(self.master, Surface):
-            return  # which takes along what is tied to it
+            return  # a rigid tool moves with the surface tied to it
         turning = Turning(self.slave, self.master, self.points, self.tie.places())
         if not turning.any:
             return
@@ -330,7 +339,7 @@ class WeightedGap:
         self._turn_to(self.tie.places())
 
     def _turn_to(self, places: TiePlaces) -> None:
-        """Let gaps turn as surfaces at these places tell. Collective."""
+        """Co-rotate gaps with the surfaces at these positions. Collective."""
         assert self.turning is not None
         turned = self.turning.at(places, self._own, self._kind)
         if self._marked is not None:
@@ -338,19 +347,19 @@ class WeightedGap:
         self.state.turned = turned
 
     def _turn_with(self, u: Vecs) -> None:
-        """Let gaps turn as the unknowns tell, and find the jumps without them. Collective."""
+        """Co-rotate gaps for these unknowns, and compute the displacement jumps. Collective."""
         state = self.state
         self._turn_to(self._places_with(u))
         handles = handle_of(u[0]), handle_of(u[1])
         state.values = self._own.apply(*handles, state.scale) + state.offset
 
     def _places_with(self, u: Vecs) -> TiePlaces:
-        """Where unknowns put tied surfaces. Collective."""
+        """Positions of tied surfaces for these unknowns. Collective."""
         assert self.tie is not None
         return self.tie.moved(self.state.places, u, self.state.scale, self._offset)
 
     def _cut_at(self, u: Vecs) -> None:
-        """Cut the facets anew where the unknowns put them. Collective."""
+        """Repeat the segmentation of the facets, displaced by these unknowns. Collective."""
         state = self.state
         assert self.following is not None and state.base is not None
         places = self.following.places(state.base, u, state.scale)
@@ -359,13 +368,13 @@ class WeightedGap:
 
     @property
     def allowance(self) -> Array:
-        """Gap (length) at the rows that counts as none, (rows,). Collective."""
+        """Gap (length) of the constraints that counts as zero, (rows,). Collective."""
         if self.following is not None and isinstance(self.rows, PointRows):
             return self.rows.from_sides(self.state.allowance)
         return self.state.allowance
 
     def show(self, cut: Cut) -> None:
-        """Take what an evaluation has found for the last one, but for the state. Collective."""
+        """Use this evaluation as the last one, without changing the state. Collective."""
         is_same = self._own is cut.operator
         self.cut, self._own = cut, cut.operator
         if not is_same:
@@ -374,18 +383,19 @@ class WeightedGap:
             self._at_rows = np.zeros(0), np.zeros(0)
 
     def rebase(self) -> None:
-        """Let displacements count from where the surfaces were read last. Collective."""
+        """Let displacements count from the surfaces as they were last read. Collective."""
         assert self.following is not None
         self.state.base = self.following.pair()
 
     def choose_anew(self, u: Vecs, kept: tuple[bool, bool]) -> None:
-        """Choose vertices where those unknowns alone put the facets that are kept. Collective.
+        """Choose vertices with facets displaced by those unknowns alone that are kept. Collective.
 
-        Those that bear keep their points and areas: else the step would not begin in equilibrium.
+        Vertices that carry a force keep their points and areas: otherwise the step would not begin
+        in equilibrium.
 
         Args:
             u: The unknowns.
-            kept: Which of the two sides are.
+            kept: Whether the unknowns of each side are kept from step to step.
         """
         state, before = self.state, self.state.vertices
         assert self.following is not None and state.base is not None
@@ -396,10 +406,13 @@ class WeightedGap:
             state.vertices = np.where(bears, before, state.vertices)
 
     def choose_vertices(self) -> bool:
-        """Give points to vertices that need them at the last evaluation; whether others do.
+        """Give points to vertices that need them at the last evaluation. Collective.
 
-        None loses its point: with it faces may lean by just so much less that it would not need it,
-        and without it by more. Collective.
+        No vertex loses its point: with the point, faces may be inclined by just so much less that
+        the vertex would not need it, and without the point by more.
+
+        Returns:
+            Whether vertices have got a point.
         """
         before = self.state.vertices
         if self.following is None or self.cut is None or before is None:
@@ -414,9 +427,10 @@ class WeightedGap:
         return True
 
     def evaluate_kept(self, u: Vecs, kept: tuple[bool, bool]) -> None:
-        """Evaluate for those unknowns alone that are kept from step to step. Collective.
+        """Evaluate with those unknowns alone that are kept from step to step. Collective.
 
-        A rigid tool is where contact was paired: what it has moved since is of the step to come.
+        A rigid tool is at its position at contact detection: its later motion belongs to the next
+        step.
         """
         assert self.following is not None and self.state.base is not None
         state, base, scale = self.state, self.state.base, self.state.scale
@@ -427,12 +441,12 @@ class WeightedGap:
         state.scale, state.base = scale, base
 
     def move_tool(self, position: Array) -> None:
-        """Put a rigid tool that gaps follow there, see ``RigidSurface.position``."""
+        """Set the position of a rigid tool for updated gaps, see ``RigidSurface.position``."""
         assert self.following is not None and self.state.base is not None
         self.state.base = self.state.base[0], position
 
     def slip_at_points(self, start: Places) -> SlipAtPoints:
-        """Slip at the points of the last evaluation since everything was there. Collective."""
+        """Slip at the points of the last evaluation relative to these positions. Collective."""
         assert self.following is not None and self.cut is not None
         return self.following.slip_at_points(self.cut, start)
 
@@ -442,19 +456,19 @@ class WeightedGap:
         moves: bool,
         to: Destination,
     ) -> None:
-        """Add how forces of friction τ, (rows, gdim), change with τ held. Collective.
+        """Add the derivative of the friction forces of fixed τ, (rows, gdim). Collective.
 
         Args:
             traction: τ.
             moves: Whether points move on their facets.
-            to: Where to.
+            to: Destination of the derivatives.
         """
         if self.following is None or self.cut is None:
             return
         self.following.add_slip_curvature_of_points(self.cut, self._share * traction, moves, to)
 
     def set_offset(self, u: Vecs) -> None:
-        """Set displacements on top of those of the unknowns. Collective."""
+        """Set displacements that are added to those of the unknowns. Collective."""
         if self.following is not None:
             at, there = self.following.paired_at, self.state.base
             base = at if self.following.tool is None or there is None else (at[0], there[1])
@@ -478,12 +492,12 @@ class WeightedGap:
             self.following.constrain(slave, master)
 
     def add_curvature_of_points(self, pressure: Array, moves: bool, to: Destination) -> None:
-        """Add how Σ_p w_p p_p ∂g_p changes with p_p held, of gaps that follow. Collective.
+        """Add the derivative of Σ_p w_p p_p ∂g_p for fixed p_p, for updated gaps. Collective.
 
         Args:
             pressure: p_p, (rows,).
             moves: Whether points move on their facets.
-            to: Where to.
+            to: Destination of the derivatives.
         """
         assert self.following is not None and self.cut is not None
         self.following.add_curvature_of_points(self.cut, self._share * pressure, moves, to)
@@ -495,14 +509,15 @@ class WeightedGap:
         moves: bool,
         turning: tuple[Array, int] | None = None,
     ) -> MovingFunctions | None:
-        """How λ_h moves at the last evaluation; None if it does not. Collective.
+        """Motion of λ_h along the facets at the last evaluation; None without any. Collective.
 
         Args:
-            of_sides: λ of the sides of owned nodes, (nodes, block).
+            of_sides: λ of the smooth patches of owned nodes, (nodes, block).
             rest: r_p, see :class:`MovingFunctions`, (rows,).
             moves: Whether points move on their facets.
-            turning: Vectors that r_p is this component of, less what stays, and that turn with the
-                facets, (rows, gdim); None if there are none.
+            turning: Vectors that turn with the facets, (rows, gdim), and the number of their
+                component of which r_p is a part, up to terms that do not turn; None if there are
+                none.
         """
         if self.following is None or self.cut is None:
             return None
@@ -513,33 +528,33 @@ class WeightedGap:
         )
 
     def moving_slip(self, start: Places, leaning: Array) -> Changes:
-        """Derivative of the slip since then with what points move by, and −l_p δn. Collective."""
+        """Derivative of the slip since then, with moving points, and −l_p δn. Collective."""
         assert self.following is not None and self.cut is not None
         slip = self.following.slip_at_points(self.cut, start)
         return self.following.moving_slip(self.cut, slip, leaning)
 
     def fits_pattern(self) -> bool:
-        """Whether the blocks of the tangent have room for the last evaluation."""
+        """Whether the sparsity pattern of the tangent blocks fits the last evaluation."""
         return self.following is None or self.cut is None or self.following.fits(self.cut)
 
     def allow(self, allowance: Array) -> None:
-        """Set the gaps (length) of the rows that count as none; see ``GapState``. Collective."""
+        """Set the gaps (length) of constraints that count as zero; see ``GapState``. Collective."""
         before = self.allowance
         self.state.allowance = allowance
         self.state.values = self.state.values + (before - self.allowance)[:, None]
 
     def moving_gaps(self) -> Changes:
-        """How gaps change, those that follow with what points move by on facets. Collective."""
+        """Derivative of the gaps; for updated gaps with moving points on the facets. Collective."""
         if self.following is None or self.cut is None:
             return Changes(self.operator)
         return self.following.moving_gaps(self.cut)
 
     def change(self, field: Affine, operator: _cpp.GapOperator | None = None) -> Array:
-        """How ḡ changes when a rigid tool is displaced by this field. Collective.
+        """Change of ḡ when a rigid tool is displaced by this field. Collective.
 
         Args:
             field: The field.
-            operator: What to take in place of :attr:`operator`.
+            operator: Operator to use instead of :attr:`operator`.
         """
         r = affine_vec(self.slave, field) if self.tie is None else self.tie.of_tool(field)
         out = -(operator or self.operator).apply(r.handle, 0)
@@ -561,7 +576,7 @@ class WeightedGap:
 
         Args:
             penalty: ε, stress per length.
-            part: a, what rows see of multipliers, see ``PointConstraints``.
+            part: a, the factor of the multipliers at the constraints, see ``PointConstraints``.
         """
         eps = penalty * self.relative_penalty
         density = self.law.energy(self._shifted(eps), eps, **self._memory_at_rows())
@@ -571,12 +586,12 @@ class WeightedGap:
         return float(self.weight @ (density - known / (2 * part * eps)))
 
     def _shifted(self, eps: Array) -> Array:
-        if self.state.conductance is not None:  # which may be 0, and has nothing to augment
+        if self.state.conductance is not None:  # h may be 0, and there is no multiplier
             return self.state.values
         return self.state.values + self._augmented_at_rows() / eps[:, None]
 
     def _augmented_at_rows(self) -> Array:
-        """λ̂ at the rows, found anew when it is replaced; 0 with a penalty alone. Collective."""
+        """λ̂ at the constraints, updated when it changes; 0 with a penalty alone. Collective."""
         if not self._is_augmented:
             return np.zeros_like(self.state.values)
         augmented = self.state.augmented
@@ -586,41 +601,41 @@ class WeightedGap:
             self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
         return self._at_rows[1]
 
-    # --- What the law remembers
+    # --- History variables of the law
 
     @property
     def memory(self) -> dict[str, Array]:
-        """What the law remembers of the owned nodes since the last step, by name, (nodes,)."""
+        """History variables of the law at owned nodes after the last step, by name, (nodes,)."""
         committed = self.state.committed
         return self.state.memory if committed is None else committed
 
     def set_memory(self, memory: dict[str, Array]) -> None:
-        """Put back what :attr:`memory` gave."""
+        """Restore values of :attr:`memory`."""
         self.state.memory, self.state.committed = memory, None
 
     def forget(self) -> None:
-        """Let the law remember what it does at first."""
+        """Set the history variables of the law to their initial values."""
         count, first = len(self.slave.node_area), self.law.memory
         self.set_memory({name: np.full(count, float(first[name])) for name in first})
 
     def _memory_at_rows(self) -> dict[str, Array]:
         out = {name: self.rows.from_nodes(values) for name, values in self.state.memory.items()}
         for values in out.values():
-            values.flags.writeable = False  # the law, the user's, is to return others
+            values.flags.writeable = False  # a user's law has to return new arrays
         return out
 
     def begin_step(self) -> None:
-        """Let the law remember what it has at the end of the last step."""
+        """Start a step with the history variables at the end of the last step."""
         self.set_memory(self.memory)
 
     def commit(self, penalty: float) -> None:
-        """Ask the law what it remembers from the last evaluation on.
+        """Compute the history variables of the law at the last evaluation.
 
         Args:
             penalty: ε, stress per length.
 
         Raises:
-            ValueError: If the law, the user's, gives something else.
+            ValueError: If a user's law returns anything else.
         """
         if not self.law.memory:
             return
@@ -639,12 +654,13 @@ class WeightedGap:
             committed[name] = kept + change
         self.state.committed = committed
 
-    # --- λ̂ at all owned nodes, the same when contact pairs anew
+    # --- λ̂ at all owned nodes, unchanged by an update of the contact pairs
 
     def augmented_on_nodes(self) -> Array:
-        """λ̂ at all owned nodes, in corners and at points of their sides; 0 where there is none.
+        """λ̂ at all owned nodes, 0 where there is none.
 
-        At points with the closed parts of the sides.
+        In corners and with constraints at points it is given per smooth patch; with constraints at
+        points the parts of the patches in contact follow.
         """
         augmented = self.state.augmented
         if isinstance(self.rows, NodeRows):
@@ -654,7 +670,7 @@ class WeightedGap:
         return np.concatenate([augmented, closed], axis=1)
 
     def set_augmented_on_nodes(self, values: Array) -> None:
-        """Put back what :meth:`augmented_on_nodes` gave."""
+        """Restore values of :meth:`augmented_on_nodes`."""
         values, rows = np.asarray(values, dtype=np.float64), self.rows
         if isinstance(rows, NodeRows):
             self.state.augmented = rows.from_sides(values)
@@ -664,7 +680,7 @@ class WeightedGap:
         self.state.closed = np.ascontiguousarray(values[:, block:])
 
     def carry(self, meshes: bool) -> None:
-        """Let a tie count how a tool, and perhaps meshes, have moved since then. Collective."""
+        """Add the motion of a tool, and perhaps of meshes, since the tie was made. Collective."""
         assert self.tie is not None
         if meshes:
             self.state.places = self.tie.places()
@@ -686,7 +702,7 @@ class WeightedGap:
     def add_stiffness(
         self, slope: Array, blocks: typing.Sequence[PETSc.Mat | None], pattern: bool
     ) -> None:
-        """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only fix their pattern."""
+        """Add Gᵀ S diag(slope) G to the blocks (ss, sm, ms, mm), or only set their pattern."""
         handles = [handle_of(mat) for mat in blocks]
         operator = self.operator
         if pattern and self.following is not None and self.cut is not None:

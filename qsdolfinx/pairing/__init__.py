@@ -1,4 +1,4 @@
-"""Pairing points: where the gap between two surfaces is sampled."""
+"""Contact detection: the quadrature points where the gap between two surfaces is sampled."""
 
 from qsdolfinx.pairing.points import Pairing, PairingSide
 

@@ -1,4 +1,4 @@
-"""Points of edges and vertices that go ahead of the quadrature points of their facets."""
+"""Contact points of edges and vertices that protrude from their facets."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Ranks = npt.NDArray[np.int32]
 
-#: Cosine of the angle (0.5°) up to which a facet is parallel to what is opposite: its own points
-#: see what comes.
+#: Cosine of the angle (0.5°) up to which a facet counts as parallel to the opposite surface: the
+#: points of the facet then detect contact.
 FLAT = float(np.cos(np.pi / 360))
 
-#: The same (5°) where gaps follow the bodies: faces that are pressed on each other turn by degrees,
-#: and one of their vertices with what presses beside it would be one constraint twice.
+#: The same angle (5°) for updated gaps: faces that are pressed on each other turn gradually, and
+#: the constraint of one of their vertices would repeat those of the points beside it.
 PRESSED_FLAT = float(np.cos(np.pi / 36))
 
-#: Sine of the angle (20°) up to which a facet may lead towards what is opposite: a body that bends
-#: around a tip leans with one of its faces, and next with another one.
+#: Sine of the angle (20°) up to which a facet may be inclined towards the opposite surface: a body
+#: that bends around a tip is inclined first with one of its faces, and then with another one.
 TOWARDS = float(np.sin(np.pi / 9))
 
 
-#: Part of the largest facet that edges and vertices may be deep: beyond it what they face may be
-#: the far side of a body, and facets see what is that deep.
+#: Largest depth of edges and vertices, in units of the largest facet: with a larger depth the
+#: opposite surface may be the far side of a body, and the points of facets detect such depths.
 DEEPEST = 0.5
 
 
 def deepest(slave: Surface) -> float:
-    """How deep points of edges or vertices may be (length)."""
+    """Largest depth (length) of points of edges or vertices."""
     return DEEPEST * slave.facet_size_range[1]
 
 
 def of_tool(x: Array) -> PairingSide:
-    """Points of a rigid tool at these places (points, 3): there are no unknowns."""
+    """Points of a rigid tool at positions x, (points, 3), without unknowns."""
     none = np.zeros((len(x), 0))
     return PairingSide(x, none[..., None].astype(np.int64), none.astype(np.int32), none)
 
@@ -52,15 +52,15 @@ def between(
     multipliers: tuple[Array, npt.NDArray[np.uint8]],
     weight: Array,
 ) -> _cpp.PairingPoints:
-    """Points between places that are known.
+    """Contact points from given points on both surfaces.
 
     Args:
         surfaces: Slave and master, None for a rigid tool.
-        on_slave: The slave's side.
-        on_master: The master's, see :func:`of_tool`.
+        on_slave: Points on the slave.
+        on_master: Points on the master, see :func:`of_tool`.
         normal: Outward unit normals of the slave, (points, 3).
-        multipliers: Their functions (points, vertices of a facet), and which of a vertex'
-            multipliers they are of (points,).
+        multipliers: Functions of the multipliers (points, vertices of a facet), and the number of
+            the multiplier among those of a vertex (points,).
         weight: Areas, (points,).
     """
     slave, master = surfaces
@@ -88,15 +88,16 @@ def with_own_multipliers(
     on_master: PairingSide,
     normal: Array,
 ) -> _cpp.PairingPoints:
-    """Points of the slave below edges or vertices of the other surface. Collective.
+    """Points of the slave opposite edges or vertices of the other surface. Collective.
 
-    A point has a multiplier of a vertex of its facet: one of its own, while there are any. A vertex
-    has as many as there are directions, which points take that are next to it, then others.
+    A point uses a multiplier of a vertex of its facet, and has it alone while free ones are left. A
+    vertex has as many multipliers as there are directions. Points closest to the vertex take them
+    first, then other points.
 
     Args:
         surfaces: Slave and master, None for a rigid tool.
-        on_slave: The slave's side.
-        on_master: The master's, see :func:`of_tool`.
+        on_slave: Points on the slave.
+        on_master: Points on the master, see :func:`of_tool`.
         normal: Outward unit normals of the slave, (points, 3).
     """
     slave, x = surfaces[0], on_master.x
@@ -106,7 +107,7 @@ def with_own_multipliers(
     vertex, number, count = _taken(slave, nodes, owner, functions, x)
     multipliers = np.zeros_like(functions)
     multipliers[np.arange(len(vertex)), vertex] = 1.0
-    used = np.where(nodes >= 0, nodes, nodes[:, :1])  # of a point on an edge its ends are, first
+    used = np.where(nodes >= 0, nodes, nodes[:, :1])  # an edge's ends come first
     area = np.sum(functions * gathered(slave, slave.node_area, used), axis=1)
     return between(surfaces, on_slave, on_master, normal, (multipliers, number), area / count)
 
@@ -114,18 +115,18 @@ def with_own_multipliers(
 def _taken(
     slave: Surface, nodes: Indices, owner: Ranks, functions: Array, x: Array
 ) -> tuple[Indices, npt.NDArray[np.uint8], Indices]:
-    """Vertices whose multipliers points take, which of them, and over how many points. Collective.
+    """Assign a multiplier of a vertex to each point. Collective.
 
     Args:
         slave: The slave.
-        nodes: First unknowns of the vertices, −1 if they are none, (points, vertices).
-        owner: Their owners, of the same shape.
-        functions: Linear functions there, of the same shape.
+        nodes: First unknowns of the vertices, −1 for unused entries, (points, vertices).
+        owner: Ranks that own these unknowns, of the same shape.
+        functions: Values of the linear functions at the points, of the same shape.
         x: Positions, (points, 3).
 
     Returns:
-        Numbers of the vertices and of their multipliers, and how many points take those that are
-        next to them, at most as many as there are multipliers; each (points,).
+        Numbers of the vertices and of their multipliers, and the number of points that have the
+        same closest vertex, at most the number of its multipliers; each (points,).
     """
     rows, last = np.arange(len(nodes)), slave.block - 1
     order = np.argsort(np.where(nodes < 0, 2.0, -functions), axis=1, kind="stable")
@@ -151,14 +152,15 @@ def _taken(
 def _asked(
     slave: Surface, node: Indices, owner: Ranks, places: Array, taken: Indices
 ) -> npt.NDArray[np.int64]:
-    """Number that each point gets at its node, and how many ask there, (points, 2). Collective.
+    """Number each point gets at its node, and number of requests there, (points, 2). Collective.
 
     Args:
         slave: The slave.
         node: First unknowns of the nodes, (points,).
-        owner: Their owners, (points,).
-        places: What orders the points of a node, the same on any number of ranks, (points, n).
-        taken: How many have asked owned nodes before, (nodes,); raised by those that ask now.
+        owner: Ranks that own these unknowns, (points,).
+        places: Keys for the order of the points of a node, independent of the partition, (points,
+            n).
+        taken: Number of earlier requests at owned nodes, (nodes,); increased by this call.
     """
     comm = slave.comm
     keys = np.column_stack([node.astype(np.float64), np.round(places, 6)])
@@ -181,7 +183,7 @@ def _asked(
 
 
 def linear(surface: Surface, values: Array) -> Array:
-    """Linear functions of the vertices at points with given functions of the trace."""
+    """Linear functions of the vertices at points, from given values of the trace functions."""
     count = surface.num_facet_vertices
     out = values[:, :count].copy()
     if values.shape[1] > count:

@@ -1,4 +1,4 @@
-"""Creases that cross edges of the other body, ahead of all quadrature points of their facets."""
+"""Edge-to-edge contact in 3D: points where sharp edges cross edges of the other body."""
 
 from __future__ import annotations
 
@@ -31,41 +31,44 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Sine of the least angle (0.5°) between creases that cross, and of a crease and a mesh line.
+#: Sine of the least angle between two sharp edges that cross (0.5°), and between a sharp edge and a
+#: mesh line.
 ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
 
-#: Cosine of the angle (20°) between a crease and the normal below which its end alone is ahead.
+#: Cosine of the least angle (20°) between a sharp edge and the normal: with a smaller angle only
+#: the end of the edge protrudes.
 UPRIGHT = float(np.cos(np.pi / 9))
 
-#: Part of an edge within which a place is on its end: rounding.
+#: Part of an edge within which a point counts as its end: rounding.
 ROUNDING = 1e-9
 
-#: Part of the shorter edge within which a crossing is at the end of the crease, or the same as
-#: another one.
+#: Part of the shorter edge within which a crossing counts as at the end of the sharp edge, or as
+#: the same as another crossing.
 AT_END = 0.1
 
-#: Part of a facet's size by which places are apart that are the same: rounding.
+#: Distance over the facet size up to which points count as the same: rounding.
 SAME = 1e-6
 
-#: How many times as deep a crossing may be as what is closest to the crease there: wedges that are
-#: sharper than some 6° are seen by their faces.
+#: Largest depth of a crossing over the distance from the sharp edge to the closest point of the
+#: other surface: the points on the faces detect wedges sharper than about 6°.
 WAYS = 20.0
 
-#: Part of a facet between whose ends two bodies have points: both give way there.
+#: Least part of a facet size between two points on a sharp edge for further points between them, if
+#: both bodies are deformable.
 BENDS = 0.5
 
-#: Pairs of edges that are looked at at a time.
+#: Number of pairs of edges that are processed at a time.
 _MANY = 1_000_000
 
 
 class Crossings(typing.NamedTuple):
-    """Where creases cross edges of the other body.
+    """Points where sharp edges cross edges of the other body.
 
     Attributes:
-        crease: Which of the creases, (points,).
-        edge: Which of the edges, (points,).
-        places: Where on both, from 0 to 1, (points, 2).
-        normal: From the crease's body to the other one, (points, 3).
+        crease: Index of the sharp edge, (points,).
+        edge: Index of the other edge, (points,).
+        places: Positions along both edges, from 0 to 1, (points, 2).
+        normal: Normals from the body of the sharp edge to the other body, (points, 3).
     """
 
     crease: Indices
@@ -74,19 +77,20 @@ class Crossings(typing.NamedTuple):
     normal: Array
 
     def some(self, which: typing.Any) -> Crossings:
-        """Those of an index."""
+        """Return the crossings of an index."""
         return Crossings(*(values[which] for values in self))
 
 
 class EdgesRole(typing.NamedTuple):
-    """Whose edges cross.
+    """The two surfaces whose edges cross, and the kinds of edges.
 
     Attributes:
         slave: Surface that carries the multipliers.
-        master: The other one, or a rigid tool.
-        creases: Whether they are creases of the slave's, and of the master's, or mesh lines of its
-            smooth sides; not those of both.
-        moved: Slave and master where they are; None where they were read.
+        master: The other surface, or a rigid tool.
+        creases: For the slave and for the master, whether its edges are sharp edges, or mesh lines
+            of its smooth patches; at least one is True.
+        moved: Slave and master in their present positions; None for the positions as they were
+            read.
     """
 
     slave: Surface
@@ -96,7 +100,7 @@ class EdgesRole(typing.NamedTuple):
 
     @property
     def objects(self) -> tuple[_cpp.Surface, _cpp.Surface]:
-        """Both as objects of the extension, that of the creases first."""
+        """Both surfaces as objects of the extension, the one with the sharp edges first."""
         slave, master = self.moved or (as_facets(s).cpp_object for s in (self.slave, self.master))
         return (slave, master) if self.creases[0] else (master, slave)
 
@@ -104,21 +108,22 @@ class EdgesRole(typing.NamedTuple):
 def pair_edges(
     role: EdgesRole, edges: tuple[Edges, Edges], radius: _cpp.SearchRadius
 ) -> _cpp.PairingPoints:
-    """Points of creases where they cross edges of the other surface, in 3D. Collective.
+    """Find points of sharp edges where they cross edges of the other surface, in 3D. Collective.
 
-    Either where creases of both cross, along the normal of both; or where a crease crosses a mesh
-    line of the other's smooth sides, seen along its normal. A point counts if no facet beside it
-    leads towards the other body by more than 20°, and none is parallel to it up to 0.5°: their own
-    points are as close as it is.
+    Either sharp edges of both surfaces cross, and the gap is along their common normal; or a sharp
+    edge crosses a mesh line of a smooth patch of the other surface, seen along the normal of the
+    patch. A point is used if no adjacent facet is inclined towards the other body by more than 20°,
+    and none is parallel to it up to 0.5°: the points of such facets are as close as the point
+    itself.
 
-    Multipliers are linear along the slave's crease; a point that is opposite to a crease of the
-    master has one of its own, see :func:`with_own_multipliers`. Only a crease on a rigid tool has
-    to be the slave's, if the other surface is smooth there.
+    Multipliers are linear along a sharp edge of the slave. A point opposite a sharp edge of the
+    master has its own multiplier, see :func:`with_own_multipliers`. A sharp edge that crosses mesh
+    lines of a rigid tool has to be an edge of the slave.
 
     Args:
-        role: Whose they are.
-        edges: Of both, see :func:`edges_of`.
-        radius: Beyond which points are not paired.
+        role: The two surfaces.
+        edges: Edges of both surfaces, see :func:`edges_of`.
+        radius: Search distance: points farther away are not paired.
     """
     of_slave = role.creases[0]
     (one, other), sharp = edges if of_slave else edges[::-1], all(role.creases)
@@ -161,17 +166,18 @@ def pair_edges(
 def deepest_of_creases(
     role: EdgesRole, edges: tuple[Edges, Edges], reach: float
 ) -> tuple[float, tuple[float, ...]]:
-    """How deep creases of both bodies are in each other where they cross, in 3D. Collective.
+    """Largest penetration of sharp edges of both bodies where they cross, in 3D. Collective.
 
-    Along the normal of both, where no facet is parallel to that up to 5°.
+    It is measured along the common normal; crossings with a facet normal along it up to 5° do not
+    count.
 
     Args:
-        role: Whose they are.
-        edges: Of both, where they are.
-        reach: Length beyond which nothing is in reach.
+        role: The two surfaces.
+        edges: Edges of both surfaces in their present positions.
+        reach: Search distance (length).
 
     Returns:
-        The largest depth, 0 if there is none, and where, (3,).
+        The largest depth, 0 if there is none, and its position, (3,).
     """
     creases, other = (each.some(each.are_sharp) for each in edges)
     others = _near(creases, other, reach, role.slave.comm)
@@ -188,13 +194,13 @@ def deepest_of_creases(
 
 
 class Facing(typing.NamedTuple):
-    """Points of creases, and what is opposite.
+    """Points of sharp edges, and the opposite points.
 
     Attributes:
-        crease: Which of the creases, (points,).
-        place: Where on it, from 0 to 1, (points,).
-        opposite: The other surface's side.
-        normal: Unit normals from the crease's body to the other one, (points, 3).
+        crease: Index of the sharp edge, (points,).
+        place: Position along it, from 0 to 1, (points,).
+        opposite: Opposite points on the other surface.
+        normal: Unit normals from the body of the sharp edge to the other body, (points, 3).
     """
 
     crease: Indices
@@ -204,7 +210,7 @@ class Facing(typing.NamedTuple):
 
     @classmethod
     def joined(cls, parts: typing.Sequence[Facing]) -> Facing:
-        """All of some."""
+        """Concatenate several sets of points."""
         if len(parts) == 1:
             return parts[0]
         sides = [dataclasses.astuple(part.opposite) for part in parts]
@@ -214,7 +220,7 @@ class Facing(typing.NamedTuple):
 
 
 def _degrees(own: Surface | None, opposite: Surface | None) -> tuple[int, int]:
-    """Degrees of displacements along a line within a facet: along a side, and elsewhere."""
+    """Degrees of displacements on a line in a facet: parallel to a side, and otherwise."""
     along = 1 if opposite is None else opposite.degree
     twice = opposite is not None and opposite.num_facet_vertices == 4
     least = 1 if own is None else own.degree
@@ -224,13 +230,13 @@ def _degrees(own: Surface | None, opposite: Surface | None) -> tuple[int, int]:
 def _between(
     role: EdgesRole, creases: Edges, found: Crossings, degrees: tuple[int, int], reach: float
 ) -> tuple[Indices, Array]:
-    """Places between crossings, and between them and the ends of creases. Collective.
+    """Further points between crossings, and between crossings and ends of edges. Collective.
 
-    Surfaces may come up there: with those at both ends there are as many as a function of the
-    degree has values.
+    Surfaces of higher degree may protrude there. Together with the points at both ends, there are
+    as many points as a function of this degree has values.
 
     Returns:
-        Which of the creases, and places from 0 to 1; both (places,).
+        Indices of the sharp edges, and positions from 0 to 1 along them; both (places,).
     """
     count = len(creases.area)
     of_ends: npt.NDArray[np.int64] = np.arange(count)
@@ -256,19 +262,19 @@ def _between(
 def _are_along_sides(
     role: EdgesRole, creases: Edges, crease: Indices, ends: tuple[Array, Array], reach: float
 ) -> Flags:
-    """Whether creases go along sides of quadrilaterals between two places. Collective.
+    """Whether sharp edges are parallel to sides of quadrilaterals between two points. Collective.
 
     Args:
-        role: Whose they are.
-        creases: All of them.
-        crease: Which, (intervals,).
-        ends: Both places, (intervals,) each.
-        reach: Length beyond which nothing is in reach.
+        role: The two surfaces.
+        creases: All sharp edges.
+        crease: Index of the sharp edge, (intervals,).
+        ends: Positions of both points along the edge, (intervals,) each.
+        reach: Search distance (length).
     """
     middle, part = (ends[0] + ends[1]) / 2, 0.05 * (ends[1] - ends[0])
     found = [_closest(role, creases, crease, middle + step * part, reach)[0] for step in (-1, 1)]
     linear_values = [linear(role.slave, closest["shape_values"]) for closest in found]
-    # Of the vertices (0, 0), (1, 0), (0, 1), (1, 1) of a facet.
+    # The vertices of a facet are (0, 0), (1, 0), (0, 1), (1, 1).
     at = [np.column_stack([v[:, 1] + v[:, 3], v[:, 2] + v[:, 3]]) for v in linear_values]
     same = np.all(found[0]["dofs"] == found[1]["dofs"], axis=(1, 2))
     change = np.abs(at[1] - at[0]) / 0.1
@@ -278,7 +284,7 @@ def _are_along_sides(
 def _closest(
     role: EdgesRole, creases: Edges, crease: Indices, place: Array, reach: float
 ) -> tuple[dict[str, typing.Any], Array, Edges]:
-    """What is closest to places of creases, the places, and the creases. Collective."""
+    """Closest points of the other surface to points of sharp edges, and these. Collective."""
     here = creases.some(crease)
     x, normal = here.at(place), here.normal.sum(axis=1)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
@@ -286,7 +292,7 @@ def _closest(
 
 
 def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reach: float) -> Facing:
-    """What is opposite to places of creases. Collective."""
+    """Points of sharp edges that face the other surface, with their opposites. Collective."""
     crease, place = places
     closest, x, here = _closest(role, creases, crease, place, reach)
     normal = -closest["normal"]
@@ -303,20 +309,21 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
 def _lead_through(
     role: EdgesRole, creases: Edges, others: Edges, found: Crossings, reach: float
 ) -> Flags:
-    """Crossings that are deep but not in the body, or have a much shorter way out. Collective.
+    """Crossings that are deep but outside the body, or much deeper than the closest surface point.
 
-    An edge behind the plane of a wall may be above the face that this ends at; and a tool's wall
-    that has come in by one face of a body would be pressed out by the opposite one.
+    Such crossings are not contacts. An edge behind the plane of a wall may be above the face at
+    which the wall ends. A wall of a tool that has entered a body through one face would be pressed
+    out through the opposite face. Collective.
 
     Args:
-        role: Whose they are.
-        creases: All creases.
+        role: The two surfaces.
+        creases: All sharp edges.
         others: All edges of the other body.
         found: The crossings.
-        reach: Length beyond which nothing is in reach.
+        reach: Search distance (length).
 
     Returns:
-        Which of the crossings, (points,).
+        Flags of the crossings, (points,).
     """
     closest, x, _ = _closest(role, creases, found.crease, found.places[:, 0], reach)
     there = others.some(found.edge).at(found.places[:, 1])
@@ -329,31 +336,31 @@ def _lead_through(
 
 
 def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
-    """Whether places look past what is closest to them: that ends there, or turns away.
+    """Whether points are beside their closest surface points, where the surface ends or turns away.
 
     Args:
-        x: The places, (points, 3).
-        closest: What is closest, see ``closest_points``.
-        size: Of facets, in which rounding is measured.
+        x: The points, (points, 3).
+        closest: The closest points, see ``closest_points``.
+        size: Size of facets, in which rounding is measured.
     """
     mean, away = closest["mean_normal"], x - closest["x"]
     length = np.maximum(np.linalg.norm(mean, axis=1), 1e-300)
     height = np.sum(away * mean, axis=1) / length
     offset = np.linalg.norm(away - (height / length)[:, None] * mean, axis=1)
-    # At an edge that all its facets see the place from, it is in the cone of their normals.
+    # If all facets at an edge face the point, it is in the cone of their normals.
     cone = np.sqrt(np.maximum(1 - length**2, 0.0)) / length
     return np.asarray(offset > cone * np.abs(height) + SAME * size)
 
 
 def _leads_away(edges: Edges, normal: Array, flat: float = FLAT) -> Flags:
-    """Whether no facet leads towards what is there along the normal, or is parallel to it."""
+    """Whether no facet is inclined towards the other body along the normal, or parallel."""
     inward = np.einsum("pfk,pk->pf", edges.inward, normal)
     level = np.einsum("pfk,pk->pf", edges.normal, normal)
     return np.asarray(np.all((inward < TOWARDS) & (level < flat), axis=1))
 
 
 def _near(creases: Edges, edges: Edges, reach: float, comm: MPI.Intracomm) -> Edges:
-    """Edges of the other body that may cross creases of this rank. Collective."""
+    """Edges of the other body that may cross sharp edges of this rank. Collective."""
     box: Array = np.full((2, 3), np.nan)
     if len(creases.area):
         ends = creases.x.reshape(-1, 3)
@@ -367,12 +374,12 @@ def _near(creases: Edges, edges: Edges, reach: float, comm: MPI.Intracomm) -> Ed
 
 
 def _crossings(creases: Edges, edges: Edges, reach: tuple[float, float]) -> Crossings:
-    """All that count.
+    """Find all crossings that are used, each once.
 
     Args:
-        creases: The creases.
-        edges: What they may cross.
-        reach: How far they may be apart, and how deep (length).
+        creases: The sharp edges.
+        edges: Edges that they may cross.
+        reach: Largest gap and largest depth (length).
     """
     pairs = _candidates(creases, edges, max(reach))
     parts = [_crossing(creases, edges, i, j, reach) for i, j in pairs]
@@ -391,7 +398,7 @@ def _crossings(creases: Edges, edges: Edges, reach: tuple[float, float]) -> Cros
 
 
 def _from_the_same_end(creases: Edges, found: Crossings) -> Array:
-    """Places along creases from the same end on any number of ranks, (points,)."""
+    """Positions along sharp edges from an end that does not depend on the partition, (points,)."""
     along = creases.x[:, 1] - creases.x[:, 0]
     along = np.round(along / np.maximum(creases.length, 1e-300)[:, None], 6)
     leading = np.argmax(along != 0, axis=1)
@@ -403,7 +410,7 @@ def _from_the_same_end(creases: Edges, found: Crossings) -> Array:
 def _candidates(
     creases: Edges, edges: Edges, reach: float
 ) -> typing.Iterator[tuple[Indices, Indices]]:
-    """Pairs of a crease and an edge whose boxes are within reach, some at a time."""
+    """Yield pairs of a sharp edge and an edge with bounding boxes within reach, in batches."""
     if not (len(creases.area) and len(edges.area)):
         return
     low, high = creases.x.min(axis=1) - reach, creases.x.max(axis=1) + reach
@@ -427,7 +434,7 @@ def _candidates(
 def _crossing(
     creases: Edges, edges: Edges, i: Indices, j: Indices, reach: tuple[float, float]
 ) -> Crossings:
-    """Of these pairs those that count."""
+    """Crossings of these pairs that are used."""
     here, there = creases.some(i), edges.some(j)
     along, across = here.x[:, 1] - here.x[:, 0], there.x[:, 1] - there.x[:, 0]
     sharp = there.are_sharp
@@ -454,7 +461,7 @@ def _crossing(
 def _lines_closest(
     here: Edges, there: Edges, along: Array, across: Array, normal: Array
 ) -> tuple[Array, Flags]:
-    """Where lines are closest to each other seen along a normal, and whether they cross there."""
+    """Closest points of two lines seen along a normal, and whether the lines cross."""
 
     def seen(v: Array) -> Array:
         return np.asarray(v - np.sum(v * normal, axis=1)[:, None] * normal)
@@ -470,7 +477,7 @@ def _lines_closest(
 
 
 def _side(surface: Surface | None, edges: Edges, place: Array) -> PairingSide:
-    """The side of a body, or of a rigid tool, at places of its edges."""
+    """The side of a body, or of a rigid tool, at points of its edges."""
     if surface is None:
         return of_tool(edges.at(place))
     nodes, block = surface.trace_dofs[0].shape[1:]

@@ -1,4 +1,4 @@
-"""Signed distances of points of one surface from the other, where surfaces are now."""
+"""Signed distances of points of one surface from the other, in the present positions."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Degree of the rule on the pieces of an overlay that distances are looked for at.
+#: Degree of the rule on the segments of an overlay, for the points at which distances are measured.
 DEGREE = 2
 
-#: The same of a surface that touches itself.
+#: The same degree for self-contact.
 OF_ITSELF = 8
 
-#: Offset in the plane of a facet over the height above or below it, beyond which a point is beside
-#: the surface, past its rim or an edge.
+#: Largest offset in the plane of a facet over the height above or below it; with a larger one, a
+#: point is beside the surface, past its boundary or an edge.
 BESIDE = 0.3
 
 
 class Distances(typing.NamedTuple):
-    """Depths of points of a surface in the other one.
+    """Penetration depths of points of one surface in the other surface.
 
     Attributes:
         x: The points, shape (points, 3).
-        depth: Signed distance (length), positive in penetration; NaN where nothing is in reach.
-        beside: Whether the other surface has a facet in reach, but not in front of the point: the
-            depth is the one under the plane of that facet.
+        depth: Signed distance (length), positive in penetration; NaN if nothing is within the
+            search distance.
+        beside: Whether the other surface has a facet within the search distance, but not in front
+            of the point: the depth is then relative to the plane of that facet.
     """
 
     x: Array
@@ -51,14 +52,14 @@ def of_nodes(surface: _cpp.Surface, other: _cpp.Surface, radius: float) -> Dista
 def of_points(
     x: Array, normal: Array, own: _cpp.Surface, other: _cpp.Surface, radius: float
 ) -> Distances:
-    """Distances of points from the nearest facets that face them and can be seen. Collective.
+    """Distances of points from the nearest visible facets that face them. Collective.
 
     Args:
         x: Points of a surface, shape (points, 3).
-        normal: Outward unit normals there, of the same shape.
+        normal: Outward unit normals at the points, of the same shape.
         own: The surface.
-        other: The other one.
-        radius: Length beyond which nothing is in reach.
+        other: The other surface.
+        radius: Search distance (length).
     """
     closest = _cpp.closest_points(x, normal, own, other, radius)
     away, mean, reached = x - closest["x"], closest["mean_normal"], closest["found"].astype(bool)
@@ -66,7 +67,7 @@ def of_points(
     n = np.divide(mean, size[:, None], out=np.zeros_like(mean), where=size[:, None] > 0)
     height, length = np.sum(away * n, axis=1), np.linalg.norm(away, axis=1)
     offset = np.linalg.norm(away - height[:, None] * n, axis=1)
-    # At an edge that all its facets see the point from, it is in the cone of their normals.
+    # If all facets at an edge face the point, it is in the cone of their normals.
     cone = np.sqrt(np.maximum(1 - size**2, 0.0)) / np.where(reached, size, 1.0)
     beside = reached & (offset > (BESIDE + cone) * np.abs(height))
     depth = np.where(beside, -height, -np.copysign(length, height))
@@ -81,16 +82,16 @@ def overlay_points(
     reliefs: tuple[Relief, Relief],
     of_itself: bool = False,
 ) -> _cpp.PairingPoints:
-    """Points on the facets of a surface that face the other one. Collective.
+    """Points on the facets of a surface that face the other surface. Collective.
 
     Args:
         cut: The surface.
-        other: The other one.
+        other: The other surface.
         gdim: Geometric dimension.
-        radius: Length beyond which nothing is in reach.
-        reliefs: What the facets of the two stand for.
-        of_itself: Whether both are the same: also points of the other one, and more of them, since
-            its nodes are not searched.
+        radius: Search distance (length).
+        reliefs: Surface corrections for curvature of both surfaces.
+        of_itself: Whether both surfaces are the same (self-contact). Then there are also points on
+            the other surface, and more points, because its nodes are not searched.
     """
     of_facets = 0  # normals
     rules = overlay_rules(gdim, OF_ITSELF if of_itself else DEGREE)
@@ -102,13 +103,13 @@ def overlay_points(
 def from_shape(
     tool: RigidSurface, position: Array, points: _cpp.PairingPoints, radius: float
 ) -> Distances:
-    """Distances of points from a tool whose shape is known in closed form.
+    """Distances of points from a tool of analytic shape.
 
     Args:
         tool: The tool.
-        position: Where it is, see ``RigidSurface.position``.
+        position: Position of the tool, see ``RigidSurface.position``.
         points: Points with outward normals.
-        radius: Length beyond which nothing is in reach.
+        radius: Search distance (length).
     """
     x, normal = points.slave["x"], points.normal
     distance, of_tool = tool.distance(x, position)

@@ -1,4 +1,4 @@
-"""Edges of the facets of a surface, each once on one rank."""
+"""Edges of the facets of a surface, each on exactly one rank."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Cosine of the angle (30°) by which facets turn at a crease.
+#: Cosine of the angle (30°) between facet normals from which an edge is sharp.
 CREASE = float(np.cos(np.pi / 6))
 
 
@@ -24,13 +24,13 @@ class Edges(typing.NamedTuple):
     """Edges of facets, on any rank.
 
     Attributes:
-        x: Their ends, (edges, 2, 3).
-        dofs: Unknowns of the ends, and of the node between of traces of degree 2,
-            (edges, places, block).
-        owner: Their owners, (edges, places).
-        normal: Outward unit normals of both facets, (edges, 2, 3).
-        inward: Unit vectors into both facets, across the edge, (edges, 2, 3).
-        area: Area of the facets that the edge stands for, (edges,).
+        x: Positions of the ends, (edges, 2, 3).
+        dofs: Unknowns of the ends, and for traces of degree 2 of the midside node, (edges, places,
+            block).
+        owner: Ranks that own these unknowns, (edges, places).
+        normal: Outward unit normals of both adjacent facets, (edges, 2, 3).
+        inward: Unit vectors into both facets, perpendicular to the edge, (edges, 2, 3).
+        area: Part of the area of the facets that belongs to the edge, (edges,).
     """
 
     x: Array
@@ -42,36 +42,36 @@ class Edges(typing.NamedTuple):
 
     @property
     def are_sharp(self) -> Flags:
-        """Creases, (edges,)."""
+        """Whether each edge is sharp, (edges,)."""
         return np.asarray(np.sum(self.normal[:, 0] * self.normal[:, 1], axis=1) < CREASE)
 
     @property
     def length(self) -> Array:
-        """Length of each, (edges,)."""
+        """Length of each edge, (edges,)."""
         return np.asarray(np.linalg.norm(self.x[:, 1] - self.x[:, 0], axis=1))
 
     def some(self, which: typing.Any) -> Edges:
-        """Those of an index."""
+        """Return the edges of an index."""
         return Edges(*(values[which] for values in self))
 
     def at(self, place: Array) -> Array:
-        """Positions of places on them, from 0 to 1, (edges, 3)."""
+        """Positions at local coordinates on the edges, from 0 to 1, (edges, 3)."""
         return np.asarray(self.x[:, 0] + place[:, None] * (self.x[:, 1] - self.x[:, 0]))
 
     @classmethod
     def joined(cls, parts: typing.Sequence[Edges]) -> Edges:
-        """All of some."""
+        """Concatenate several sets of edges."""
         return cls(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-#: Edges of tools where these were made: they only move.
+#: Edges of tools in their initial positions: tools only move.
 _OF_TOOLS: weakref.WeakKeyDictionary[RigidSurface, Edges] = weakref.WeakKeyDictionary()
 
 
 def edges_of(surface: AnySurface) -> Edges:
-    """All edges, each on one rank. Collective.
+    """Return all edges of a surface, each on one rank. Collective.
 
-    Where a surface ends there is one facet, which counts as both.
+    At the boundary of a surface an edge has only one facet, which is used for both.
     """
     tool = as_tool(surface)
     if tool is None:
@@ -83,19 +83,19 @@ def edges_of(surface: AnySurface) -> Edges:
 
 
 def _turned(edges: Edges, R: Array, t: Array) -> Edges:
-    """Where x ↦ R x + t takes them."""
+    """Map the edges by x ↦ R x + t."""
     x, normal, inward = edges.x @ R.T + t, edges.normal @ R.T, edges.inward @ R.T
     return edges._replace(x=x, normal=normal, inward=inward)
 
 
 def _found(surface: AnySurface) -> Edges:
-    """Edges where the surface is now; see :func:`edges_of`."""
+    """Edges of the surface in its present position; see :func:`edges_of`."""
     facets = as_facets(surface)
     return edges_at(facets, facets.coordinates[0], outward_signs(facets))
 
 
 def outward_signs(surface: Faceted) -> Array:
-    """Which way area vectors look that are found without a look at the body, (facets,)."""
+    """Signs that make area vectors computed from the facet vertices alone outward, (facets,)."""
     x, inside, _ = surface.coordinates
     return np.asarray(np.sign(np.sum((x.mean(axis=1) - inside) * _across(x), axis=1)))
 
@@ -108,7 +108,9 @@ def _across(x: Array) -> Array:
 
 
 def edges_at(surface: Faceted, x: Array, signs: Array) -> Edges:
-    """Edges of a surface somewhere, each on one rank and in the same order anywhere. Collective.
+    """Edges of a surface for given vertex positions, each on one rank. Collective.
+
+    The order of the edges does not depend on the positions.
 
     Args:
         surface: The surface.
@@ -134,7 +136,7 @@ def edges_at(surface: Faceted, x: Array, signs: Array) -> Edges:
 
 
 def _of_facets(surface: Faceted, x: Array, signs: Array) -> Edges:
-    """Those of this rank's facets, with one normal and inward vector each."""
+    """Edges of this rank's facets, with one normal and one inward vector each."""
     dofs, owner = surface.trace_dofs
     count, middle = surface.num_facet_vertices, x.mean(axis=1)
     across = _across(x)
@@ -161,7 +163,7 @@ def _of_facets(surface: Faceted, x: Array, signs: Array) -> Edges:
 
 
 def _ascending(edges: Edges) -> Edges:
-    """The same with the end of the lower unknown first."""
+    """Reorder the ends of each edge, the one with the lower unknown first."""
     turned = edges.dofs[:, 0, 0] > edges.dofs[:, 1, 0]
     x, dofs, owner = edges.x.copy(), edges.dofs.copy(), edges.owner.copy()
     for values in (x, dofs, owner):

@@ -1,4 +1,4 @@
-"""Facets of a surface, or of a tool read as one, and where they turn sharply."""
+"""Facets of a surface, or of a tool used as a surface, and their sharp edges."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: What has facets: a body's surface, or a tool's read as one.
+#: A surface with facets: that of a body, or that of a tool.
 Faceted = Surface | FacetSurface
 
-#: Sum of the normals of a node's facets over their number, of facets that turn by 30° there.
+#: Length of the sum of the facet normals at a node over their number, for facets at an angle of
+#: 30°.
 SMOOTH = float(np.cos(np.pi / 12))
 
 
 def has_creases(surface: AnySurface, asked: bool) -> bool:
-    """Whether a surface has sharp vertices, if that is asked. Collective."""
+    """Whether a surface has sharp vertices; False if ``asked`` is False. Collective."""
     if not asked or surface.is_analytic:
         return False
     sharp = sharp_nodes(as_facets(surface))
@@ -32,17 +33,17 @@ def has_creases(surface: AnySurface, asked: bool) -> bool:
 
 
 def as_facets(surface: AnySurface, axisymmetric: bool = False) -> Faceted:
-    """A surface made of facets: the body's itself, or a tool's read as one. Collective.
+    """Return a surface made of facets: the body's surface itself, or that of a tool. Collective.
 
     Args:
         surface: The surface.
-        axisymmetric: Whether a tool's facets stand for rings.
+        axisymmetric: Whether the facets of a tool represent rings.
     """
     return surface.as_facets(axisymmetric) if isinstance(surface, RigidSurface) else surface
 
 
 def sharp_nodes(surface: Faceted) -> Flags:
-    """Owned nodes whose facets' normals are apart by more than some 30°. Collective."""
+    """Owned nodes whose facet normals differ by more than about 30°. Collective."""
     normals = normals_at_vertices(surface).reshape(-1, 3)
     ones = np.ones(len(normals))
     total = np.array([sums(surface, values) for values in (*normals.T, ones)])
@@ -50,7 +51,7 @@ def sharp_nodes(surface: Faceted) -> Flags:
 
 
 def normals_at_vertices(surface: Faceted) -> Array:
-    """Outward unit normals of the facets, curved as their mesh is, (facets, vertices, 3)."""
+    """Outward unit normals of the facets, curved if the mesh is, (facets, vertices, 3)."""
     x, inside, nodes = surface.coordinates
     out = unit_normals(x, nodes)
     outward = x.mean(axis=1) - inside
@@ -58,11 +59,11 @@ def normals_at_vertices(surface: Faceted) -> Array:
 
 
 def unit_normals(x: Array, nodes: Array | None = None) -> Array:
-    """Unit normals of facets at their vertices, to either side, (facets, vertices, 3).
+    """Unit normals of facets at their vertices, of either sign, (facets, vertices, 3).
 
     Args:
-        x: Where the vertices are, (facets, vertices, 3).
-        nodes: Where all nodes of facets of degree 2 are, (facets, nodes, 3).
+        x: Positions of the vertices, (facets, vertices, 3).
+        nodes: Positions of all nodes of facets of degree 2, (facets, nodes, 3).
     """
     count = x.shape[1]
     tangents: list[list[Array]] = [[] for _ in range(count)]
@@ -84,7 +85,7 @@ def vertex_dofs(surface: Faceted) -> npt.NDArray[np.int32]:
 
 
 def sums(surface: Faceted, values: Array) -> Array:
-    """Sums over the facets of values of their vertices, (facets · vertices,), at owned nodes."""
+    """Sums at owned nodes, over all facets, of values at facet vertices, (facets · vertices,)."""
     vec = surface.create_vec()
     vec.setValues(vertex_dofs(surface).ravel(), values, addv=PETSc.InsertMode.ADD_VALUES)
     vec.assemble()
@@ -113,7 +114,10 @@ def gathered(surface: Faceted, values: Array, dofs: npt.NDArray[np.integer]) -> 
 
 
 def first_corners(surface: Surface) -> Flags:
-    """Vertices of facets, one for each node over all ranks, (facets, vertices). Collective."""
+    """Flags of facet vertices, set once for each node over all ranks, (facets, vertices).
+
+    Collective.
+    """
     dofs = vertex_dofs(surface)
     number = surface.comm.rank + surface.comm.size * np.arange(dofs.size, dtype=np.float64)
     vec, local = surface.create_vec(), PETSc.Vec().createWithArray(number, comm=PETSc.COMM_SELF)

@@ -20,18 +20,18 @@ Array = npt.NDArray[np.float64]
 
 QUADRATURES = ("nodal", "overlay")
 NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
-#: Number of the normals of the master there.
+#: Number of the master's normals in this order.
 OF_MASTER = 2
 
 
 class Sampling(typing.NamedTuple):
-    """Where and along which normals the gap is sampled.
+    """Quadrature points, normals and surface corrections for sampling the gap.
 
     Attributes:
         quadrature: ``"nodal"`` or ``"overlay"``.
-        degree: Degree of the rule on the pieces of the overlay.
+        degree: Degree of the rule on the segments of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
-        smoothing: What the gap is measured from; None for the facets as they are.
+        smoothing: Surface corrections for curvature; None to measure gaps from the facets.
         degree_is_given: Whether the user has chosen the degree.
     """
 
@@ -42,21 +42,21 @@ class Sampling(typing.NamedTuple):
     degree_is_given: bool = False
 
     def relief(self, surface: AnySurface) -> Relief:
-        """What a surface's facets approximate."""
+        """Correction for the curved surface that the facets approximate."""
         return Relief.unknown() if self.smoothing is None else self.smoothing.relief(surface)
 
     def covers(self, surface: AnySurface) -> bool:
-        """Whether gaps are measured from what its facets approximate."""
+        """Whether gaps are measured from the curved surface that the facets approximate."""
         return self.relief(surface).lift > 0
 
     def deformed_relief(self, surface: AnySurface) -> Relief:
-        """The same where displacements put it: see ``deformed_surface``, which cuts facets."""
+        """The correction of the deformed surface; ``deformed_surface`` splits its facets."""
         found = self.relief(surface)
         cut = surface.degree > 1
         return Relief.unknown("shared") if cut and found.lift else found
 
 
-#: Part of S_k that points cover, below which a node has no augmented multiplier of its own.
+#: Least covered part of S_k for a node to have its own multiplier in the augmented Lagrangian.
 LEAST_COVER = 0.1
 
 #: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
@@ -66,11 +66,12 @@ EDGE_DEGREE = 47
 def check_quadrature(
     slave: Surface, master: AnySurface, quadrature: str, degree: int | None, follows: bool
 ) -> int:
-    """Degree of the rule: the one given, or :func:`degree_of_rule`.
+    """Return the degree of the rule: the given degree, or :func:`degree_of_rule`.
 
     Raises:
-        ValueError: If it is not a positive integer, or the nodal rule is to sample traces of degree
-            2: their values at the vertices say nothing about the edges.
+        ValueError: If the degree is not a positive integer, or if the nodal rule is given for
+            traces of degree 2: values at the vertices contain nothing about the unknowns of the
+            edges.
     """
     if quadrature == "nodal" and max(slave.degree, master.degree) > 1:
         raise ValueError(
@@ -86,12 +87,11 @@ def check_quadrature(
 
 
 def degree_of_rule(slave: Surface, master: AnySurface, follows: bool) -> int:
-    """Degree of the rule on pieces, if none is given.
+    """Default degree of the rule on segments.
 
-    On affine facets the products of the multiplier's functions and the displacements' are exact.
-    Where geometry follows the bodies, and pieces are cut anew in each iteration, those of
-    quadrilaterals are of one degree only: uniform pressure is exact, and there are half as many
-    points.
+    On affine facets, products of the functions of multipliers and displacements are integrated
+    exactly. With updated geometry, where segmentation is repeated in each iteration, the degree for
+    quadrilaterals is that of one factor only: uniform pressure is exact, with half as many points.
     """
     both = slave, master
     trace = max(surface.shape_degree(surface.degree) for surface in both)
@@ -108,16 +108,16 @@ def pair(
     radius: _cpp.SearchRadius,
     corners: bool = False,
 ) -> _cpp.PairingPoints:
-    """Pairing points of one pass. Collective.
+    """Find the contact quadrature points of one integration side. Collective.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
-        sampling: Where the gap is sampled.
+        sampling: Quadrature and normals.
         both: Whether both surfaces are sampled, each with half the weight.
-        radius: Beyond which points are not paired.
-        corners: Whether at nodes, between facets, a node in the corner of several walls has a pair
-            for each of them and the side of the node that faces it.
+        radius: Search distance: points farther away are not paired.
+        corners: Whether, with the nodal rule between facets, a node in the corner of several walls
+            has a pair for each wall, with the smooth patch of the node that faces it.
     """
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
@@ -129,10 +129,10 @@ def pair(
 
 
 def share_out_hardly_covered(slave: Surface, points: _cpp.PairingPoints) -> None:
-    """Let neighbours carry the multipliers of nodes that points hardly cover. Collective.
+    """Condense the multipliers of nodes that are hardly covered to their neighbours. Collective.
 
-    Beyond the master's rim a node's row is nearly that of its neighbour: two multipliers that are
-    to close the gap would grow against each other.
+    Beyond the boundary of the master, the constraint of a node is nearly that of its neighbour: two
+    multipliers that close the gap would grow with opposite signs.
     """
     _cpp.share_out_hardly_covered(points, slave.cpp_object, LEAST_COVER)
 
@@ -145,9 +145,9 @@ def _pair_facets(
     radius: _cpp.SearchRadius,
     corners: bool,
 ) -> _cpp.PairingPoints:
-    """Pairing points of two surfaces made of facets; see :func:`pair`."""
-    # Forces act along a rigid tool's own normals, as along those of an analytic shape: along any
-    # mean with the slave's, which tilt at its nodes, a flat tool would push sideways.
+    """Contact quadrature points of two surfaces made of facets; see :func:`pair`."""
+    # Forces act along the normals of a rigid tool, as for an analytic shape. With a mean of its
+    # normals and those of the slave, which tilt at its nodes, a flat tool would push sideways.
     rigid = as_tool(master) is not None
     kind_of_normals = OF_MASTER if rigid else NORMALS.index(sampling.normals)
     other = master.search_object(slave)
@@ -166,7 +166,7 @@ def _pair_facets(
 
 
 def overlay_rules(gdim: int, degree: int) -> tuple[Array, Array, Array, Array]:
-    """Points and weights on pieces of the overlay and along edges."""
+    """Points and weights on segments of the overlay and along edges."""
     kind = basix.CellType.interval if gdim == 2 else basix.CellType.triangle
     piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
     edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
@@ -174,13 +174,13 @@ def overlay_rules(gdim: int, degree: int) -> tuple[Array, Array, Array, Array]:
 
 
 class Conforming(typing.NamedTuple):
-    """Points of the slave on this rank where both surfaces are curved the same way.
+    """Points of the slave on this rank where both surfaces are curved in the same direction.
 
     Attributes:
-        bulges: How far the surfaces of slave and master are out of their facets (length), along the
-            slave's normal, shape (points, 2).
-        gap: Between the curved surfaces (length).
-        part: Part of all that is paired, of all ranks.
+        bulges: Heights of the curved surfaces of slave and master over their facets (length), along
+            the slave's normal, shape (points, 2).
+        gap: Gap between the curved surfaces (length).
+        part: Area of these points over the area of all pairs, of all ranks.
     """
 
     bulges: Array
@@ -195,14 +195,14 @@ def find_conforming(
     radius: _cpp.SearchRadius,
     smoothing: Smoothing | None = None,
 ) -> Conforming:
-    """Where two surfaces are curved the same way. Collective.
+    """Find the points where two surfaces are curved in the same direction. Collective.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface.
         degree: Degree of the rule.
-        radius: Beyond which points are not paired.
-        smoothing: What is known of their curvature.
+        radius: Search distance: points farther away are not paired.
+        smoothing: Surface corrections for curvature, as far as known.
     """
     sampling = Sampling("overlay", degree, "bisector", smoothing)
     tool = as_tool(master)
@@ -238,7 +238,7 @@ def _face_shape(
     else:
         points, group = _cpp.sample_facets(slave.cpp_object, *rule), len(rule[1])
     gap, normal = tool.distance(points.slave["x"])
-    # As between two surfaces: what is too far away, or the back of a body, is not paired.
+    # As between two surfaces, points that are too far away or on the back of a body are not paired.
     keep = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)
     relief = sampling.relief(slave)
     if rule is not None and LIFTS[relief.lift] != "none":
@@ -255,7 +255,7 @@ def _lifted(
     distance: Array,
     rule: tuple[Array, Array],
 ) -> Array:
-    """How far the slave's surface is out of its facets, as far as gaps are measured from it."""
+    """Height of the slave's surface over its facets that is used in gaps."""
     if LIFTS[relief.lift] == "own":
         return np.asarray(_cpp.heights_at(slave.cpp_object, *relief[1:], *rule))
     own, of_tool, vertices = _bulges(slave, tool, relief, points, distance, rule)
@@ -274,8 +274,8 @@ def _bulges(
     """Heights over the slave's facets at the points, along its outward normal.
 
     Returns:
-        Of the slave's surface through the facets' vertices, of the tool that all vertices would
-        touch, and of the slave's vertices where they are known, linear in between.
+        Heights of the slave's surface through the facets' vertices; heights of the tool if it
+        touched all vertices; and known heights of the slave's vertices, linear in between.
     """
     N = np.asarray(points.multiplier_values).reshape(-1, len(rule[1]), slave.num_facet_vertices)
     x = slave.coordinates[0]
@@ -292,8 +292,8 @@ def _bulges(
 def _conforming_to_shape(
     slave: Surface, tool: RigidSurface, sampling: Sampling, radius: float
 ) -> Conforming:
-    """Where a slave is curved as an analytic tool is, which has no chords. Collective."""
-    rule = facet_rule(slave, max(sampling.degree, 4))  # with points where facets bulge most
+    """Find points where a slave is curved as an analytic tool, which has no facets. Collective."""
+    rule = facet_rule(slave, max(sampling.degree, 4))  # with points where heights are largest
     points = _cpp.sample_facets(slave.cpp_object, *rule)
     distance, normal = tool.distance(points.slave["x"])
     near = (np.abs(distance) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)

@@ -1,4 +1,4 @@
-"""What gaps are measured from: facets, or the curved surfaces that they approximate."""
+"""Surface correction for curvature: gaps between facets, or between the curved surfaces."""
 
 from __future__ import annotations
 
@@ -18,17 +18,19 @@ Array = npt.NDArray[np.float64]
 SMOOTHINGS = ("none", "shared-curvature")
 LIFTS = ("none", "shared", "own")  # in the order of Lift in cpp/surface/relief.h
 
-#: What one side may be given: a name, a smooth surface, or None for "none".
+#: Smoothing of one side: a name, a smooth surface, or None for "none".
 Side = str | Smooth | None
 
 
 class Relief(typing.NamedTuple):
-    """One side's surface over its facets, as the extension takes it; see cpp/surface/relief.h.
+    """Curved surface of one side, relative to its facets, see cpp/surface/relief.h.
 
     Attributes:
-        lift: Number of what counts of it, in LIFTS.
-        known: Whether it is known; otherwise nothing but the turning between facets tells.
-        heights: Over the facets' nodes of degree 2 (length), shape (facets, nodes), or empty.
+        lift: Part of the correction that is used, as a number in LIFTS.
+        known: Whether the surface is known; otherwise it is estimated from the angles between
+            facets.
+        heights: Heights over the facets' nodes of degree 2 (length), shape (facets, nodes), or
+            empty.
     """
 
     lift: int
@@ -37,15 +39,15 @@ class Relief(typing.NamedTuple):
 
     @classmethod
     def unknown(cls, lift: str = "none") -> Relief:
-        """Of facets without anything that tells what they approximate."""
+        """Correction for facets whose curved surface is not known."""
         return cls(LIFTS.index(lift), False, np.zeros(0))
 
 
 def sides_of(smoothing: typing.Any, master: AnySurface) -> tuple[Side, Side]:
-    """What is given for slave and master.
+    """Return the smoothing of slave and master.
 
     Raises:
-        ValueError: If it is neither a name or a smooth surface nor a pair of such.
+        ValueError: If ``smoothing`` is neither a name, nor a smooth surface, nor a pair of these.
     """
     analytic = master.is_analytic
     both = (
@@ -70,19 +72,20 @@ def sides_of(smoothing: typing.Any, master: AnySurface) -> tuple[Side, Side]:
 
 
 class Smoothing:
-    """What the gaps of a contact are measured from, on both sides.
+    """Surface corrections for curvature of both sides of a contact. Collective.
 
-    Shapes say how far they are over the facets as these are now; that moves with the bodies.
+    The heights of a given shape over the facets are computed in the present position; they move
+    with the bodies.
 
     Args:
         slave: Surface that carries the multiplier.
         master: The other surface, or a rigid tool.
-        sides: Of each, from :func:`sides_of`.
-        follows: Whether facets are cut where displacements put their vertices: they are flat then,
-            where these are of degree 1, whatever the mesh is.
+        sides: Smoothing of each side, from :func:`sides_of`.
+        follows: Whether segmentation uses the displaced vertices of the facets. For displacements
+            of degree 1 the facets are then flat, for any mesh.
 
     Raises:
-        ValueError: If vertices are not on the shape that is named for them. Collective.
+        ValueError: If vertices are not on the shape that is given for them.
     """
 
     def __init__(
@@ -103,22 +106,22 @@ class Smoothing:
                 self._shaped[i] = check_near(side.shape, kind, facets, slave.comm, name)
 
     def __bool__(self) -> bool:
-        """Whether anything was asked for."""
+        """Whether smoothing was requested on any side."""
         return self._sides != (None, None)
 
     def covers(self, surface: AnySurface) -> bool:
-        """Whether gaps are measured from what the surface's facets approximate."""
+        """Whether gaps are measured from the curved surface that the facets approximate."""
         return self.relief(surface).lift > 0
 
     def relief(self, surface: AnySurface) -> Relief:
-        """The surface over its facets as they are now."""
+        """Correction of a surface, relative to its facets in their present position."""
         i = int(surface is self._master)
         found = self._shaped[i]
         tool = as_tool(surface)
         if found is None and tool is None:
             found = typing.cast(Surface, surface).heights
         if found is not None:
-            # Displacements that are linear on a facet cannot flatten its bulge.
+            # Displacements that are linear on a facet cannot flatten its curvature.
             straight = "none" if self._follows else "shared"
             lift = straight if surface.degree == 1 else "own"
             return Relief(LIFTS.index(lift), True, found)
@@ -126,15 +129,17 @@ class Smoothing:
 
 
 class CurvedError(ValueError):
-    """Facets are more curved than gaps can be measured to; a smaller step may bend them less."""
+    """Facets are too curved to measure gaps; a smaller step may bend them less."""
 
 
 def check_curved(surfaces: typing.Iterable[Surface], quadrature: str, facets: bool) -> None:
-    """Refuse facets that are too curved, or what does not see that they are. Same on all ranks.
+    """Refuse facets that are too curved, for measuring gaps or for the nodal rule.
+
+    The result is the same on all ranks.
 
     Args:
-        surfaces: Those of bodies.
-        quadrature: Where the gap is sampled.
+        surfaces: Surfaces of bodies.
+        quadrature: Name of the quadrature.
         facets: Whether the partner has facets.
     """
     for surface in surfaces:

@@ -1,4 +1,4 @@
-"""Vertices at creases: places where an edge or corner goes ahead of all quadrature points."""
+"""Contact points at vertices on sharp edges, which protrude from their facets."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Indices = npt.NDArray[np.intp]
 
 
 class VerticesRole(typing.NamedTuple):
-    """Whose vertices face what.
+    """The two surfaces, and the one whose vertices are used.
 
     Attributes:
         slave: Surface that carries the multipliers.
-        master: The other one, or a rigid tool.
-        of_tool: Whether they are the tool's; else the slave's.
+        master: The other surface, or a rigid tool.
+        of_tool: Whether the vertices are those of the tool; otherwise those of the slave.
     """
 
     slave: Surface
@@ -42,17 +42,18 @@ class VerticesRole(typing.NamedTuple):
 
 
 def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
-    """Points at sharp vertices that are ahead of their facets. Collective.
+    """Find points at sharp vertices that protrude from their facets. Collective.
 
-    A vertex faces the closest place on the other surface, along the normal there. It counts if no
-    facet beside it leads towards the other surface by more than 20°, and none is parallel to it up
-    to 0.5°: their own points are as close as it is, and what it adds would be redundant.
+    A vertex is paired with the closest point of the other surface, along the normal there. It is
+    used if no adjacent facet is inclined towards the other surface by more than 20°, and none is
+    parallel to it up to 0.5°: the points of such facets are as close as the vertex, and its
+    constraint would be redundant.
 
-    A tool has no multipliers: points at its vertices have some of the slave's.
+    A tool has no multipliers: points at its vertices use multipliers of the slave.
 
     Args:
-        role: Whose they are.
-        radius: Beyond which points are not paired.
+        role: The two surfaces.
+        radius: Search distance: points farther away are not paired.
     """
     if role.of_tool:
         return _of_tool(role.slave, role.master, radius)
@@ -60,7 +61,7 @@ def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.Pairing
 
 
 def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
-    """Vertices of the slave; see :func:`pair_vertices`."""
+    """Points at vertices of the slave; see :func:`pair_vertices`."""
     which = sharp_nodes(slave).astype(np.uint8)
     tool = as_tool(master)
     if tool is not None and tool.is_analytic:
@@ -79,7 +80,7 @@ def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> 
 
 
 def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
-    """Vertices of a tool: points on the slave's facets opposite; see :func:`pair_vertices`."""
+    """Points on the slave's facets opposite vertices of a tool; see :func:`pair_vertices`."""
     facets = as_facets(tool, slave.axisymmetric)
     which = sharp_nodes(facets).astype(np.uint8)
     found = _cpp.pair_vertices(facets.cpp_object, slave.cpp_object, which, radius)
@@ -91,15 +92,15 @@ def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cp
 
 
 def _smoothed(surface: Surface, at: PairingSide, normal: Array) -> Array:
-    """Normals that do not jump where places go from a facet to the next. Collective.
+    """Averaged normals, which are continuous where points move to the next facet. Collective.
 
-    Those of the vertices of the facet, between which they are linear; but for vertices at creases,
-    where that of the facet stays.
+    They are interpolated linearly from the averaged normals of the facet's vertices. At vertices on
+    sharp edges the normal of the facet is used.
 
     Args:
         surface: The surface.
-        at: Places on it.
-        normal: Unit normals of their facets, outward, (points, 3).
+        at: Points on the surface.
+        normal: Outward unit normals of the facets of these points, (points, 3).
     """
     functions = linear(surface, at.shape_values)
     nodes = at.dofs[:, : surface.num_facet_vertices, 0]
@@ -113,12 +114,12 @@ def _smoothed(surface: Surface, at: PairingSide, normal: Array) -> Array:
 
 
 def _lead_away(slave: Faceted, points: _cpp.PairingPoints, along: Array) -> Flags:
-    """Points at nodes none of whose facets leads towards what is opposite. Collective.
+    """Points at nodes without a facet that is inclined towards the other surface. Collective.
 
     Args:
-        slave: Whose nodes they are at.
+        slave: Surface of these nodes.
         points: The points.
-        along: Unit normals towards what is opposite, (points, 3).
+        along: Unit normals towards the other surface, (points, 3).
     """
     node = nodes_of(slave, points)
     normal = np.zeros((len(slave.node_area), 3))
@@ -127,21 +128,21 @@ def _lead_away(slave: Faceted, points: _cpp.PairingPoints, along: Array) -> Flag
 
 
 def nodes_of(slave: Faceted, points: _cpp.PairingPoints) -> Indices:
-    """Numbers of the owned nodes that points at nodes are at, (points,)."""
+    """Numbers of the owned nodes of points at nodes, (points,)."""
     return np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
 
 
 def lead_away(
     slave: Faceted, along: Array, x: Array, normals: Array, parallel: float = FLAT
 ) -> Flags:
-    """Owned nodes none of whose facets leads towards what is opposite, (nodes,). Collective.
+    """Owned nodes without a facet inclined towards the other surface, (nodes,). Collective.
 
     Args:
-        slave: Whose nodes they are.
-        along: Unit normals towards what is opposite, (nodes, 3).
-        x: Where the vertices of facets are, (facets, vertices, 3).
-        normals: Outward unit normals there, likewise.
-        parallel: Cosine of the angle up to which a facet is parallel to what is opposite.
+        slave: Surface of these nodes.
+        along: Unit normals towards the other surface, (nodes, 3).
+        x: Positions of the vertices of facets, (facets, vertices, 3).
+        normals: Outward unit normals at these vertices, (facets, vertices, 3).
+        parallel: Cosine of the angle up to which a facet counts as parallel to the other surface.
     """
     opposite = np.stack([at_vertices(slave, values) for values in along.T], axis=2)
     inward = x.mean(axis=1, keepdims=True) - x

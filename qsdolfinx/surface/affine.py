@@ -13,7 +13,7 @@ from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
 
-#: Edges of facets, by their numbers of vertices, in the order of a trace's nodes.
+#: Edges of facets, by the number of vertices, in the order of a trace's nodes.
 EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
 
@@ -46,7 +46,7 @@ def rotation_matrix(rotation: Array) -> Array:
 
 
 def rotation_vector(matrix: Array) -> Array:
-    """The inverse: an angle, shape (1,), or a rotation vector (3,), of at most half a turn."""
+    """Inverse of :func:`rotation_matrix`: an angle, shape (1,), or a vector (3,), up to π."""
     if len(matrix) == 2:
         return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
     twist = np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]]) - [
@@ -58,7 +58,7 @@ def rotation_vector(matrix: Array) -> Array:
     angle = float(np.arctan2(sine, cosine))
     if sine > 1e-6 or cosine > 0:
         return np.asarray(twist / 2 * (angle / sine if sine > 0 else 1.0))
-    values, vectors = np.linalg.eigh(matrix + matrix.T)  # about half a turn: 1 has the axis
+    values, vectors = np.linalg.eigh(matrix + matrix.T)  # near π: axis of eigenvalue 1
     axis = vectors[:, np.argmax(values)]
     return np.asarray(angle * axis * (1.0 if axis @ twist >= 0 else -1.0))
 
@@ -74,7 +74,8 @@ def trace_positions(surface: Surface, coordinates: Coordinates | None = None) ->
 
     Args:
         surface: The surface.
-        coordinates: Of its facets, as ``surface.coordinates``; by default as they are now.
+        coordinates: Coordinates of its facets, as ``surface.coordinates``; by default the present
+            ones.
     """
     x, _, nodes = surface.coordinates if coordinates is None else coordinates
     if surface.degree == 1:
@@ -96,7 +97,7 @@ def affine_vec(surface: Surface, field: Affine, x: Array | None = None) -> PETSc
     Args:
         surface: The surface.
         field: The field.
-        x: Where the unknowns are; by default :func:`trace_positions`.
+        x: Positions of the unknowns; by default :func:`trace_positions`.
     """
     x = trace_positions(surface) if x is None else x
     return trace_vec(surface, x[..., : surface.gdim] @ field.A.T + field.b)

@@ -1,4 +1,4 @@
-"""What a contact surface can be made of, and the facets that the user named."""
+"""Check the arguments of a contact surface, and find its facets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dolfinx import fem, la, mesh
 from qsdolfinx.base.checks import TAGS, Kind, check, require
 from qsdolfinx.compat import coordinate_element, num_entity_dofs
 
-#: Vertices of a facet of each type of cell.
+#: Number of vertices of a facet, for each type of cell.
 FACET_VERTICES = {
     mesh.CellType.triangle: 2,
     mesh.CellType.quadrilateral: 2,
@@ -31,7 +31,7 @@ TAG = Kind(
 
 
 def check_space(V: fem.FunctionSpace, axisymmetric: bool) -> None:
-    """Refuse a space that no contact surface can be made with."""
+    """Refuse a space that contact surfaces do not support."""
     real = not np.issubdtype(PETSc.ScalarType, np.complexfloating)
     require(real, "PETSc is complex: contact needs PETSc (petsc4py) with real scalars", TypeError)
     cell, gdim, x = V.mesh.topology.cell_type, V.mesh.geometry.dim, V.mesh.geometry.x
@@ -78,7 +78,7 @@ def given_facets(
     tag: int | None,
     facets: npt.ArrayLike | None,
 ) -> npt.NDArray[np.int32]:
-    """Local indices of the facets that the user named on this rank."""
+    """Local indices of the facets that the user gave on this rank."""
     one = (facets is None) != (facet_tags is None)
     require(one, "give either facet_tags with tag, or facets", TypeError)
     fdim = msh.topology.dim - 1
@@ -100,22 +100,22 @@ def given_facets(
 
 
 def is_of(tags: mesh.MeshTags, msh: mesh.Mesh) -> bool:
-    """Whether tags are those of a mesh."""
+    """Whether tags belong to this mesh."""
     return _cpp_of(tags.topology) is _cpp_of(msh.topology)
 
 
 def is_same(msh: mesh.Mesh, other: mesh.Mesh) -> bool:
-    """Whether two objects stand for the same mesh."""
+    """Whether two objects are the same mesh."""
     return _cpp_of(msh.topology) is _cpp_of(other.topology)
 
 
 def _cpp_of(wrapper: typing.Any) -> typing.Any:
-    """DOLFINx's C++ object; depending on its version some come without a wrapper."""
+    """DOLFINx's C++ object; in some versions of DOLFINx, objects come without a wrapper."""
     return getattr(wrapper, "_cpp_object", wrapper)
 
 
 def _mark(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-    """Flags over this rank's facets, ghosts included, set where any rank names the facet."""
+    """Flags of this rank's facets, with ghosts, set if any rank gives the facet."""
     marker = la.vector(msh.topology.index_map(msh.topology.dim - 1), 1, dtype=np.float64)
     marker.array[:] = 0
     marker.array[facets] = 1
@@ -125,7 +125,7 @@ def _mark(msh: mesh.Mesh, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_
 
 
 def facets_of_owned_cells(msh: mesh.Mesh, given: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-    """The named facets whose cell this rank owns, whichever rank named them."""
+    """The given facets whose cell this rank owns, whichever rank gave them."""
     tdim = msh.topology.dim
     named = _mark(msh, given)
     exterior = _mark(msh, mesh.exterior_facet_indices(msh.topology))

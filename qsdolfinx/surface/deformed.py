@@ -1,4 +1,4 @@
-"""Surfaces where displacements put them, as new objects: what contact has paired stays as it is."""
+"""Deformed surfaces as new objects; surfaces and pairs of the contact do not change."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from qsdolfinx.surface.surface import Coordinates, Surface
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T", np.float64, np.int64)
 
-#: Size of a facet, in units of what it was in the mesh, that is none but for rounding.
+#: Largest size of a facet, in units of its size in the mesh, that counts as zero (rounding).
 VANISHED = 1e-13
 
-#: Facets with nodes at their vertices alone that a facet is cut into, by vertices and degree.
+#: Linear facets into which a facet is split, by its number of vertices and its degree.
 _PIECES = {
     (2, 1): [(0, 1)],
     (3, 1): [(0, 1, 2)],
@@ -33,28 +33,29 @@ _PIECES = {
 
 
 class DegenerateFacetsError(ValueError):
-    """Displacements have left a facet without an area, or are not finite: it has no distances."""
+    """Deformed facets have no area or are not finite: no distances to them can be measured."""
 
 
 def trace_values(surface: Surface, vec: PETSc.Vec) -> Array:
-    """Values of a vector of the body at the trace's unknowns that this rank owns: a copy."""
+    """Copy of a body vector's values at the trace unknowns that this rank owns."""
     return np.asarray(vec.array_r[surface.own_trace], dtype=np.float64)
 
 
 def deformed_surface(
     surface: Surface, coordinates: Coordinates, displacement: Array | None
 ) -> _cpp.Surface:
-    """The surface displaced, with nodes at its vertices alone. Collective.
+    """Return the displaced surface, with nodes at its vertices only. Collective.
 
-    Facets of degree 2, which bend, are cut into flat ones at their nodes. Rings are as lines.
+    Facets of degree 2, which bend, are split into flat facets at their nodes. The facets of
+    axisymmetric surfaces count as lines.
 
     Args:
         surface: The surface.
-        coordinates: Of its facets, as ``surface.coordinates``.
-        displacement: Of the trace (length), as :func:`trace_values`; None for none.
+        coordinates: Coordinates of its facets, as ``surface.coordinates``.
+        displacement: Displacements of the trace (length), as :func:`trace_values`; None for none.
 
     Raises:
-        DegenerateFacetsError: If a facet is not finite, or has no area.
+        DegenerateFacetsError: If the coordinates of a facet are not finite, or it has no area.
     """
     inside = coordinates[1]
     pieces = np.array(_PIECES[surface.num_facet_vertices, surface.degree])
@@ -88,7 +89,7 @@ def deformed_surface(
 def deformed_positions(
     surface: Surface, coordinates: Coordinates, displacement: Array | None
 ) -> Array:
-    """Where displacements put the nodes of the trace, (facets, nodes, 3). Collective.
+    """Displaced positions of the nodes of the trace, (facets, nodes, 3). Collective.
 
     Arguments as for :func:`deformed_surface`.
     """
@@ -99,12 +100,12 @@ def deformed_positions(
 
 
 def _cut(values: npt.NDArray[T], pieces: npt.NDArray[np.int_]) -> npt.NDArray[T]:
-    """Values at the facets' nodes as such of the pieces, facet by facet."""
+    """Values at the nodes of the split facets, from values at the nodes of the facets."""
     return np.ascontiguousarray(values[:, pieces].reshape(-1, pieces.shape[1], values.shape[2]))
 
 
 def _check(x: Array, meshed: Array) -> None:
-    """Refuse facets without an area; what is left of one by rounding is none."""
+    """Refuse facets without an area, except for rounding."""
     if not np.isfinite(x).all():
         raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
     width, before = (np.ptp(facets, axis=1).max(axis=1) for facets in (x, meshed))

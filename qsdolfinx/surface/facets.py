@@ -1,4 +1,4 @@
-"""What a surface's facets are made of, found once, and where they are, read whenever they move."""
+"""Layout of the facets of a surface, found once, and coordinates, read whenever they move."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ class FacetLayout(typing.NamedTuple):
 
     Attributes:
         points: Rows of the mesh geometry at the vertices, shape (facets, vertices).
-        cell_points: Rows at all points of the facets' cells, shape (facets, points).
+        cell_points: Rows of the mesh geometry at all points of the facets' cells, shape (facets,
+            points).
         dofs: Global unknowns of the trace, shape (facets, nodes, block).
-        owner: Ranks that own them, shape (facets, nodes).
+        owner: Ranks that own these unknowns, shape (facets, nodes).
         nodes: Rows of a mesh geometry of degree 2 at the facets' nodes, shape (facets, nodes), in
-            the order of trace_functions in cpp/geometry/facet.h; None of straight facets.
+            the order of trace_functions in cpp/geometry/facet.h; None for straight facets.
     """
 
     points: npt.NDArray[np.int32]
@@ -59,12 +60,14 @@ class FacetLayout(typing.NamedTuple):
         return cls(points.reshape(n, nv), cell_points, *_global_numbers(V, dofs), nodes)
 
     def checked_coordinates(self, msh: mesh.Mesh) -> tuple[Array, Array, Array | None]:
-        """Where the vertices are now, (facets, vertices, 3), and points of the body behind them.
+        """Read the present coordinates, and check them.
 
-        Third come the nodes of curved facets, (facets, nodes, 3).
+        Returns:
+            Vertices, (facets, vertices, 3); a point in the cell behind each facet, (facets, 3); and
+            nodes of curved facets, (facets, nodes, 3), None for straight facets.
 
         Raises:
-            ValueError: If they are not finite, or a facet has no area.
+            ValueError: If coordinates are not finite, or a facet has no area.
         """
         geometry = np.ascontiguousarray(msh.geometry.x, dtype=np.float64)
         x = np.take(geometry, self.points, axis=0)
@@ -90,7 +93,7 @@ def in_cells(
 
 
 def area_vectors(x: Array) -> Array:
-    """Area vectors of facets in the middle, outward by their orientation, shape (facets, 3).
+    """Area vectors at the centres of facets, signed by their orientation, shape (facets, 3).
 
     Args:
         x: Vertex coordinates in reference order, shape (facets, 2 to 4, 3).
@@ -106,7 +109,7 @@ def area_vectors(x: Array) -> Array:
 def _global_numbers(
     V: fem.FunctionSpace, dofs: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32]]:
-    """Global unknowns, shape as given, and the ranks that own them, one axis less."""
+    """Global unknowns, of the given shape, and the ranks that own them, with one axis less."""
     index_map, bs = V.dofmap.index_map, V.dofmap.index_map_bs
     block = (dofs // bs).astype(np.int32)
     numbers = index_map.local_to_global(block.ravel()).reshape(dofs.shape) * bs + dofs % bs

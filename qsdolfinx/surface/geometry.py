@@ -1,4 +1,4 @@
-"""What kind of space a body lives in: the plane or space, or the half-plane (r, z) of an axis."""
+"""Coordinate systems of bodies: Cartesian in 2D or 3D, or axisymmetric, (r, z)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Cartesian:
     """Coordinates (x, y) or (x, y, z)."""
 
     def rigid_fields(self, x: Array, gdim: int) -> Array:
-        """Translations, and rotations about the origin linearised, shape (motions, points, gdim).
+        """Translations, and linearised rotations about the origin, shape (motions, points, gdim).
 
         Args:
             x: Points, shape (points, 3).
@@ -32,7 +32,7 @@ class Cartesian:
         return fields
 
     def volume_preserving(self, x: typing.Any, gdim: int) -> list[typing.Any]:
-        """Velocities of UFL of constant strain rate, without volume change and of norm 1."""
+        """UFL velocity fields with constant volume-preserving strain rates of norm 1."""
         fields = [self._stretch(x)] if gdim == 2 else []
         if gdim == 3:
             fields.append(_vector(x, (1.0, -1.0, 0.0), np.sqrt(2.0)))
@@ -48,7 +48,7 @@ class Cartesian:
 
 
 class Axisymmetric(Cartesian):
-    """Coordinates (r, z), r ≥ 0: bodies are rings, rigid along the axis alone."""
+    """Coordinates (r, z), r ≥ 0: bodies are rings; the only rigid motion is along the axis."""
 
     def rigid_fields(self, x: Array, gdim: int) -> Array:
         """Translation along the axis, shape (1, points, 2)."""

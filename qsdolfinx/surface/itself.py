@@ -1,4 +1,4 @@
-"""Boundaries that touch themselves."""
+"""Self-contact: surfaces for boundaries that may touch themselves."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from qsdolfinx.surface.surface import Surface
 
 Facets = npt.NDArray[np.int32]
 
-#: Sum of area vectors over the area of a closed surface.
+#: Largest sum of area vectors over the area for a surface to count as closed.
 CLOSED = 1e-8
 
-#: Radius over the facet size of what is on the axis.
+#: Largest radius over the facet size for a facet to count as on the axis.
 ON_AXIS = 1e-12
 
 
 def boundary_of(surface: Surface) -> Surface:
-    """All of the boundary of a surface's body, of which that surface may touch itself. Collective.
+    """Surface of the whole boundary of a body, for self-contact of the given surface. Collective.
 
-    The other facets hide what is behind them, and tell what is within the body. Which of two facets
-    that touch is the slave's follows from their normals and places now, see is_slave_of in
-    cpp/pairing/roles.h.
+    Only facets of the given surface may be in contact. The other facets occlude what is behind
+    them, and show what is inside the body. Which of two touching facets is the slave follows from
+    their present normals and positions, see is_slave_of in cpp/pairing/roles.h.
 
     Raises:
-        ValueError: If the boundary is not closed, as where cells at it are turned inside out.
+        ValueError: If the boundary is not closed, for example because cells at the boundary are
+            turned inside out.
     """
     msh = surface.mesh
     every = mesh.exterior_facet_indices(msh.topology)
@@ -59,7 +60,7 @@ def boundary_of(surface: Surface) -> Surface:
 
 
 def _off_axis(surface: Surface, facets: Facets) -> Facets:
-    """Facets that are not on the axis r = 0, which have no area."""
+    """Remove the facets on the axis r = 0, which have no area."""
     msh = surface.mesh
     tdim = msh.topology.dim
     x = mesh.entities_to_geometry(msh, tdim - 1, facets)

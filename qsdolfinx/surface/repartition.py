@@ -20,10 +20,10 @@ from qsdolfinx.surface.arguments import is_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-#: Halvings of an interval in which a cut is looked for.
+#: Number of bisection steps in the search for a cut.
 _HALVINGS = 60
 
-#: Cells in a layer are told apart by this part of their coordinates.
+#: Part of the coordinates that is added to distinguish cells of the same layer.
 _SKEW = 1e-6 / np.pi ** np.arange(3)
 
 
@@ -81,7 +81,7 @@ def repartition(
 def _checked(
     msh: mesh.Mesh, directions: npt.ArrayLike, tags: typing.Sequence[mesh.MeshTags]
 ) -> Array:
-    """The directions, as unit vectors."""
+    """Check the arguments, and return the directions as unit vectors."""
     for tag in tags:
         check(TAGS, tags=tag)
         require(is_of(tag, msh), "tags: must be tags of msh")
@@ -99,9 +99,9 @@ def _global(msh: mesh.Mesh, nodes: Indices) -> npt.NDArray[np.int64]:
 
 
 def _halve(comm: MPI.Comm, x: Array, directions: Array) -> Indices:
-    """A rank for each point x, of groups as large as each other. Collective.
+    """Assign a rank to each point x, in groups of equal size. Collective.
 
-    A group is known by the first of its ranks [first, end).
+    A group of points belongs to ranks [first, end), and is identified by the first of them.
     """
     along = x @ directions.T
     skew = x @ _SKEW[: x.shape[1]]
@@ -132,7 +132,7 @@ def _cuts(
     middles: Indices,
     ends: Indices,
 ) -> Array:
-    """Values at which each group has the share of its points below that the ranks below take."""
+    """Values that split each group: the part of its points below goes to its lower ranks."""
     size = comm.size
     total = comm.allreduce(np.bincount(first, minlength=size), op=MPI.SUM)
     ranks = np.maximum(ends - np.arange(size), 1)
@@ -148,7 +148,7 @@ def _cuts(
 
 
 def _moved(msh: mesh.Mesh, new: mesh.Mesh, tag: mesh.MeshTags) -> mesh.MeshTags:
-    """The tags of a mesh on the same mesh with other ranks. Collective."""
+    """Transfer the tags of a mesh to the repartitioned mesh. Collective."""
     dim, tdim = tag.dim, msh.topology.dim
     for other in (0, tdim):
         for made in (msh, new):
@@ -156,7 +156,7 @@ def _moved(msh: mesh.Mesh, new: mesh.Mesh, tag: mesh.MeshTags) -> mesh.MeshTags:
             made.topology.create_connectivity(other, dim)
     layout = compat.coordinate_element(msh).create_dof_layout()
     nodes: Indices = np.empty((0, len(layout.entity_closure_dofs(dim, 0))), dtype=np.int32)
-    if len(tag.indices) > 0:  # DOLFINx divides by their number
+    if len(tag.indices) > 0:  # DOLFINx divides by the number of entities
         nodes = mesh.entities_to_geometry(msh, dim, tag.indices)
     # Ranks that share an entity may all have sent it.
     entities, values = io.utils.distribute_entity_data(new, dim, _global(msh, nodes), tag.values)

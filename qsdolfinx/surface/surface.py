@@ -28,16 +28,17 @@ from qsdolfinx.surface.facets import FacetLayout
 from qsdolfinx.surface.geometry import Axisymmetric, Cartesian
 from qsdolfinx.surface.unknowns import block_of, first_vertex_unknowns, is_lagrange
 
-#: Of the facets' vertices, of a point inside each facet's cell, and, with a mesh geometry of
-#: degree 2, of the facets' nodes of degree 2.
+#: Coordinates of the facets' vertices, of a point inside each facet's cell, and, with a mesh
+#: geometry of degree 2, of the facets' nodes of degree 2.
 Coordinates = tuple[
     npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64] | None
 ]
 
-#: Part of the facet size by which nodes of degree 2 may be off straight facets by rounding.
+#: Largest distance of nodes of degree 2 from straight facets, over the facet size, that is
+#: rounding.
 STRAIGHT = 1e-12
 
-#: Attributes that completion shows.
+#: Attributes that are listed by ``dir`` and tab completion.
 PUBLIC = (
     "V",
     "area",
@@ -115,8 +116,8 @@ class Surface:
         self.mesh = V.mesh
         self.facets = facets_of_owned_cells(V.mesh, given)
         self._linear: Surface | None = None
-        #: Spaces of degree 1 by whether they are scalar, and the space whose unknowns at the nodes
-        #: were asked for last, with these.
+        #: Spaces of degree 1, by whether they are scalar; below, the last other space used in
+        #: ``_node_unknowns``, with its unknowns at the nodes.
         self._vertex_spaces: dict[bool, fem.FunctionSpace] = {}
         self._unknowns_in: tuple[fem.FunctionSpace, npt.NDArray[np.int32]] | None = None
         self._key: npt.NDArray[np.float64] | None = None
@@ -197,7 +198,7 @@ class Surface:
         return self._key
 
     def _read_heights(self) -> None:
-        """How far curved facets are out of the flat ones through their vertices. Collective."""
+        """Read the heights of curved facets over the flat facets. Collective."""
         nodes = self._coordinates[2]
         self._heights: npt.NDArray[np.float64] | None = None
         self.largest_height = 0.0
@@ -233,7 +234,7 @@ class Surface:
 
     @property
     def block(self) -> int:
-        """Unknowns of a node: the geometric dimension, or 1 of a scalar field."""
+        """Number of unknowns of a node: the geometric dimension, or 1 for a scalar field."""
         return block_of(self.V)
 
     @property
@@ -256,7 +257,7 @@ class Surface:
 
     @property
     def num_facet_vertices(self) -> int:
-        """Vertices of a facet."""
+        """Number of vertices of a facet."""
         return FACET_VERTICES[self.mesh.topology.cell_type]
 
     @property
@@ -271,7 +272,7 @@ class Surface:
 
     @functools.cached_property
     def own_trace(self) -> npt.NDArray[np.int64]:
-        """Local unknowns of the trace that this rank owns, ascending. Collective at first."""
+        """Local unknowns of the trace that this rank owns, ascending. Collective at first call."""
         vec, dofs = self.create_vec(), self._layout.dofs.ravel().astype(PETSc.IntType)
         vec.setValues(dofs, np.ones(len(dofs)))
         vec.assemble()
@@ -437,7 +438,7 @@ class Surface:
         return out
 
     def _vertex_space(self, scalar: bool) -> fem.FunctionSpace:
-        """Lagrange space of degree 1, scalar or of vectors. Collective at first."""
+        """Lagrange space of degree 1, scalar or of vectors. Collective at the first call."""
         if scalar == self.is_scalar and is_lagrange(self.collapsed_space, 1):
             return self.collapsed_space
         if scalar not in self._vertex_spaces:
@@ -458,8 +459,8 @@ class Surface:
         """Values at the owned contact nodes; the inverse of :meth:`function`.
 
         Args:
-            function: In V, collapsed if V is a sub-space; or a Lagrange function of degree 1 on the
-                same mesh, a vector such as ``Contact.traction`` or a scalar such as
+            function: Function in V (collapsed if V is a sub-space), or Lagrange function of degree
+                1 on the same mesh: a vector such as ``Contact.traction`` or a scalar such as
                 ``Contact.pressure``.
 
         Returns:
@@ -489,7 +490,7 @@ class Surface:
         return out[:, 0] if block == 1 and not self.is_scalar else out
 
     def _is_own(self, Q: fem.FunctionSpace) -> bool:
-        """Whether it is V, collapsed if that is a sub-space, or has the same unknowns."""
+        """Whether Q is V (collapsed if V is a sub-space), or has the same unknowns."""
         own = self.collapsed_space
         if trace_degree(Q) != self.degree:
             return False
@@ -498,7 +499,7 @@ class Surface:
 
     @functools.cached_property
     def _collapsed(self) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]] | None:
-        """Collapsed space and its map if V is a sub-space. Collective at first."""
+        """Collapsed space and its map if V is a sub-space. Collective at the first call."""
         if not is_sub_space(self.V):
             return None
         return collapse(self.V)
@@ -509,7 +510,7 @@ class Surface:
         return self.V if self._collapsed is None else self._collapsed[0]
 
     def collapsed_vec(self, vec: PETSc.Vec) -> PETSc.Vec:
-        """New vector with the collapsed space's layout and the values of one of V. Collective."""
+        """New vector of the collapsed space with the values of a vector of V. Collective."""
         if self._collapsed is None:
             return vec.copy()
         space, parent = self._collapsed

@@ -13,11 +13,11 @@ Array = npt.NDArray[np.float64]
 
 
 class TraceValues:
-    """Reads vectors of a body at its trace on the facets of this rank.
+    """Reads the values of a body's vectors at the trace unknowns of this rank's facets.
 
     Args:
         surface: The surface.
-        dofs: Global unknowns of other nodes, shape (facets, nodes, gdim).
+        dofs: Global unknowns to read instead of these, shape (facets, nodes, gdim).
     """
 
     def __init__(self, surface: Surface, dofs: npt.NDArray[np.int64] | None = None) -> None:
@@ -31,7 +31,7 @@ class TraceValues:
             thing.destroy()
 
     def __call__(self, vec: PETSc.Vec) -> Array:
-        """Values, zeros in further components, shape (facets, nodes, 3). Collective."""
+        """Values, with zeros in extra components, shape (facets, nodes, 3). Collective."""
         self._scatter.scatter(vec, self._local)
         out = np.zeros((*self._shape[:2], 3))
         out[..., : self._block] = self._local.array_r.reshape(self._shape)

@@ -26,8 +26,8 @@ def facet_measure(surface: Surface) -> ufl.Measure:
 def nodal_forces(surface: Surface, force: PETSc.Vec) -> Array:
     """Forces on the contact nodes of ``surface.linear``, shape (nodes, block). Collective.
 
-    Those on unknowns of a trace of degree 2 are carried over to the vertices, so that they do the
-    same work in displacements of degree 1.
+    For a trace of degree 2, forces are transferred to the vertices so that they do the same work in
+    displacements of degree 1.
 
     Args:
         surface: The surface.
@@ -57,7 +57,7 @@ def recover(surface: Surface, force: PETSc.Vec, area: Array | None = None) -> fe
     Args:
         surface: The surface.
         force: Forces on the unknowns of its body.
-        area: S_k of the nodes of ``surface.linear``; by default where the surface was read last.
+        area: S_k of the nodes of ``surface.linear``; by default of the surface as it was last read.
     """
     f, linear = nodal_forces(surface, force), surface.linear
     values = f / (linear.node_area if area is None else area)[:, None]

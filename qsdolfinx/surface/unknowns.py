@@ -1,4 +1,4 @@
-"""Where a space keeps the unknowns of mesh vertices; works for blocked spaces and sub-spaces."""
+"""Unknowns of a space at mesh vertices; works for blocked spaces and sub-spaces."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ NUM_CELL_VERTICES = {
 
 
 def block_of(V: fem.FunctionSpace) -> int:
-    """Unknowns of a node: the components of a blocked vector space, 1 of a scalar one."""
+    """Number of unknowns of a node: the components of a blocked vector space, or 1."""
     return V.mesh.geometry.dim if V.num_sub_spaces else 1
 
 
 def dofs_at(V: fem.FunctionSpace, cells: Indices, places: Indices) -> Indices:
-    """Local unknowns (not blocks) at given places of a cell's dof layout, shape (..., block).
+    """Local unknowns (not blocks) at given positions in a cell's dof layout, shape (..., block).
 
     Args:
         V: Blocked vector space, scalar space, or such a sub-space.
         cells: Local cell indices, broadcast against ``places``.
-        places: Places in the layout of the cells' blocks.
+        places: Positions in the layout of the cells' blocks.
     """
     block = block_of(V)
     component = np.arange(block)
@@ -62,20 +62,20 @@ def vertex_dofs(V: fem.FunctionSpace, cells: Indices, vertices: Indices) -> Indi
 
 
 def is_lagrange(V: fem.FunctionSpace, degree: int) -> bool:
-    """Whether functions are continuous Lagrange's, scalar or not, of a degree from 1 to this."""
+    """Whether the space is continuous Lagrange, scalar or not, of a degree from 1 to this one."""
     element = V.element.basix_element if not V.num_sub_spaces else V.sub(0).element.basix_element
     lagrange = element.family == basix.ElementFamily.P and 1 <= element.degree <= degree
     return bool(lagrange) and not bool(element.discontinuous)
 
 
 def first_vertex_unknowns(V: fem.FunctionSpace, Q: fem.FunctionSpace) -> Indices:
-    """For each local unknown of V that is the first of a vertex, the first local one of Q there.
+    """Map the first local unknown of V at each vertex to the first local unknown of Q there.
 
-    Shape (local unknowns of V,); −1 of unknowns that are not at vertices.
+    Shape (local unknowns of V,); −1 for all other unknowns.
 
     Args:
         V: Blocked vector space, scalar space, or such a sub-space, with unknowns at the vertices.
-        Q: Another one on the same mesh.
+        Q: Another such space on the same mesh.
     """
     topology = V.mesh.topology
     index_map, dofs = topology.index_map(topology.dim), V.dofmap.index_map
@@ -88,16 +88,16 @@ def first_vertex_unknowns(V: fem.FunctionSpace, Q: fem.FunctionSpace) -> Indices
 
 
 def facet_places(V: fem.FunctionSpace, degree: int) -> Indices:
-    """Places of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
+    """Positions of the trace's nodes in a cell's dof layout, for each facet, shape (facets, nodes).
 
-    Vertices come first, then, for degree 2, the edges in the order of the reference facet, and the
-    interior of quadrilaterals: the order of trace_functions in cpp/geometry/facet.h.
+    Vertices come first. For degree 2, then come the edges in the order of the reference facet, and
+    the interior of quadrilaterals. This is the order of trace_functions in cpp/geometry/facet.h.
     """
     return layout_places(V.dofmap.dof_layout, V.mesh, degree)
 
 
 def layout_places(layout: typing.Any, msh: mesh.Mesh, degree: int) -> Indices:
-    """The same of any layout of nodes in the cells of a mesh, such as that of its geometry."""
+    """As :func:`facet_places`, for any layout of nodes in cells, such as the mesh geometry's."""
     cell = getattr(basix.CellType, msh.topology.cell_type.name)
     topology = basix.topology(cell)
     tdim = len(topology) - 1
@@ -129,7 +129,7 @@ def vertex_x(msh: mesh.Mesh, cells: Indices, vertices: Indices) -> npt.NDArray[n
 
 
 def owned_vertices(V: fem.FunctionSpace) -> tuple[Indices, npt.NDArray[np.float64]]:
-    """Unknowns, (n, block), and coordinates, (n, 3), of the vertices whose unknowns we own."""
+    """Unknowns, (n, block), and coordinates, (n, 3), of vertices with unknowns of this rank."""
     topology = V.mesh.topology
     index_map = topology.index_map(topology.dim)
     cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)[:, None]
