@@ -44,7 +44,7 @@ from qsdolfinx.tools import smooth
 from qsdolfinx.tools.elevate import elevate
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
-#: The one place of the version; pyproject.toml reads it here.
+#: The only definition of the version; pyproject.toml reads it.
 __version__ = "0.1.0"
 
 __all__ = [

@@ -19,7 +19,7 @@ from dolfinx import fem, io, mesh
 def cell_nodes(msh: mesh.Mesh) -> npt.NDArray[np.int32]:
     """Rows of the mesh geometry at the nodes of each cell, shape (cells, nodes)."""
     geometry: typing.Any = msh.geometry
-    # 0.11 has one array for each type of cell. A surface's mesh has one type.
+    # 0.11 has one array for each cell type. The mesh of a surface has one cell type.
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
@@ -58,7 +58,7 @@ def num_entity_dofs(V: fem.FunctionSpace, dim: int) -> int:
 def collapse(V: fem.FunctionSpace) -> tuple[fem.FunctionSpace, npt.NDArray[np.int64]]:
     """Collapse a sub-space; returns the new space and its unknowns' indices in the parent."""
     space, places = V.collapse()
-    # 0.11 has a list of arrays, one for each type of cell.
+    # 0.11 has a list of arrays, one for each cell type.
     return space, np.ravel(places).astype(np.int64)
 
 

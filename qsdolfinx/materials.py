@@ -48,9 +48,9 @@ __all__ = [
     "strain",
 ]
 
-#: A number, a fem.Constant, a fem.Function or any other scalar of UFL.
+#: A number, a fem.Constant, a fem.Function or any other scalar UFL expression.
 Scalar = typing.Any
-#: A scalar, vector or tensor of UFL.
+#: A scalar, vector or tensor UFL expression.
 Expression = typing.Any
 
 POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
@@ -69,7 +69,8 @@ def gradient(u: Expression, axisymmetric: bool = False) -> Expression:
         axisymmetric: Whether the coordinates are (r, z).
 
     Returns:
-        Tensor of as many rows as u has components; 3 × 3 in the order r, z, θ if axisymmetric.
+        Square tensor with one row for each component of u; 3 × 3 in the order r, z, θ if
+        axisymmetric.
     """
     shape = getattr(u, "ufl_shape", None)
     require(shape in ((2,), (3,)), "u: must be a vector field of UFL with 2 or 3 components")
@@ -83,7 +84,7 @@ def gradient(u: Expression, axisymmetric: bool = False) -> Expression:
 
 
 def strain(u: Expression, axisymmetric: bool = False) -> Expression:
-    """Linear strain (of a velocity: strain rate) ε = ½ (∇u + ∇uᵀ); ε_θθ = u_r/r.
+    """Linear strain (strain rate for a velocity) ε = ½ (∇u + ∇uᵀ); ε_θθ = u_r/r.
 
     Args:
         u: Displacement or velocity, or a test function.
@@ -95,7 +96,7 @@ def strain(u: Expression, axisymmetric: bool = False) -> Expression:
 def axisymmetric_weight(msh: mesh.Mesh) -> Expression:
     """Circumference 2πr at a point: the weight of all integrands, including those of loads.
 
-    Forces are then those on the whole ring.
+    Forces then refer to the whole ring.
     """
     fits = msh.geometry.dim == 2
     require(fits, "msh: axisymmetric bodies need a 2D mesh with coordinates (r, z)")
@@ -136,7 +137,7 @@ def neo_hookean_energy(
 ) -> Expression:
     """Energy per reference volume, W = μ/2 (tr(FᵀF) − 3 − 2 ln J) + λ/2 (ln J)².
 
-    Here F = I + ∇u and J = det F. This is the compressible neo-Hookean body of Bonet & Wood,
+    Here F = I + ∇u and J = det F. This is the compressible neo-Hookean material of Bonet & Wood,
     *Nonlinear Continuum Mechanics for Finite Element Analysis* (2008), section 6.4.3.
 
     Args:
@@ -149,7 +150,7 @@ def neo_hookean_energy(
     _check(FINITE, lmbda=lmbda)
     F = _deformation_gradient(u, axisymmetric)
     log_J = ufl.ln(ufl.det(F))
-    # The sum of the squared stretches; the one across the plane is 1.
+    # Sum of the squared stretches; the stretch normal to the plane is 1.
     stretches = ufl.inner(F, F) + (3 - F.ufl_shape[0])
     return mu / 2 * (stretches - 3 - 2 * log_J) + lmbda / 2 * log_J**2
 
@@ -206,7 +207,7 @@ def norton_hoff(
     ε̇₀ = ε̇_eq / 1000 they are too low by less than 1e-6. The yield stress in tension is
     K √3^{m+1} ε̇_eq^m.
 
-    Both K and m may be expressions of UFL, such as of the temperature.
+    Both K and m may be UFL expressions, for example functions of the temperature.
 
     Args:
         v: Velocity, incompressible.
@@ -226,8 +227,8 @@ def norton_hoff(
 def mini_space(msh: mesh.Mesh) -> fem.FunctionSpace:
     """Mixed space of the MINI element: velocity P1 with a cell bubble, ``sub(0)``, and P1 pressure.
 
-    It meets the inf-sup condition (Arnold, Brezzi & Fortin 1984). On facets the velocity is P1, so
-    that ``qs.Surface(W.sub(0), ...)`` can be in contact.
+    It satisfies the inf-sup condition (Arnold, Brezzi & Fortin 1984). On facets the velocity is P1,
+    so ``qs.Surface(W.sub(0), ...)`` can be used for contact.
 
     Args:
         msh: Mesh of triangles or tetrahedra.
@@ -273,7 +274,7 @@ def incompressible(w: fem.Function, stress: Expression, dx: ufl.Measure | None =
     fits = shape == (gdim, gdim) or axisymmetric
     require(fits, f"stress: must be a tensor of UFL for velocities in {gdim}D")
     if dx is None:
-        # UFL would estimate far more for a power.
+        # UFL would estimate a far higher degree for a power.
         degree = 2 * gdim + axisymmetric
         dx = ufl.Measure("dx", domain=msh, metadata={"quadrature_degree": degree})
     (v, p), (dv, q) = ufl.split(w), ufl.TestFunctions(w.function_space)
@@ -360,7 +361,7 @@ def _value(given: Scalar) -> float | None:
 
 
 def _check(kind: Kind, **parameters: Scalar) -> None:
-    """Refuse what is neither a scalar of UFL nor a number or Constant of a kind."""
+    """Raise an error unless each is a scalar UFL expression, or a number or Constant of a kind."""
     for name, given in parameters.items():
         value = _value(given)
         if value is not None:

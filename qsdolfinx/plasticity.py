@@ -22,7 +22,7 @@ from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.compat import interpolation_points
 from qsdolfinx.materials import axisymmetric_weight, gradient
 
-#: A scalar or tensor of UFL.
+#: A scalar or tensor UFL expression.
 Expression = typing.Any
 
 POISSON = number("above -1 and below 0.5", lambda nu: -1 < nu < 0.5)
@@ -35,7 +35,7 @@ REDUCED = (
     "zero-energy modes, so that solves may fail: take degree=4, or triangles or tetrahedra"
 )
 
-#: Places in a 3 × 3 tensor of the components that fields have, for bodies in 2D and 3D.
+#: Indices in a 3 × 3 tensor of the components of fields, for bodies in 2D and 3D.
 _PLACES = {2: ((0, 0), (1, 1), (2, 2), (0, 1)),
            3: ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))}  # fmt: skip
 
@@ -66,7 +66,7 @@ class J2Plasticity:
             alone lock: those of degree 1 always, those of degree 2 unless ``degree`` is 2.
         E: Young's modulus, a stress.
         nu: Poisson's ratio, −1 < ν < ½.
-        yield_stress: σ_Y, in tension.
+        yield_stress: σ_Y, the initial yield stress in tension.
         hardening: H, a stress.
         axisymmetric: Whether the coordinates are (r, z): see ``materials.axisymmetric_weight``.
         degree: Degree of the quadrature rule; the history variables are at its points.
@@ -250,7 +250,7 @@ class J2Plasticity:
         relative = self._F * ufl.inv(self._deformation(self._start))
         b = relative * _exponential(2 * self._old_strain) * relative.T
         trial = ufl.dev(_logarithm(b)) / 2
-        # The root has no derivative at zero, where nothing flows.
+        # The square root has no derivative at zero, where there is no plastic flow.
         squared = 6 * self.shear**2 * ufl.inner(trial, trial)
         limit = self.yield_stress + self.hardening * self.plastic_strain
         yields = ufl.gt(squared, limit**2)
@@ -260,7 +260,8 @@ class J2Plasticity:
         shape = (1 - 3 * self.shear * self._flow / mises) * trial
         #: Change of volume, tr e.
         self._dilation = ufl.tr(self._old_strain) + ufl.ln(ufl.det(relative))
-        # The pressure's has the same mean with each of its test functions, and does not oscillate.
+        # The dilation of the pressure has the same mean with each test function of the pressure,
+        # and does not oscillate.
         dilation = -ufl.split(self.w)[1] / self.bulk if self.mixed else self._dilation
         self._strain = shape + dilation / 3 * ufl.Identity(3)
 

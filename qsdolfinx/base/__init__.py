@@ -1,1 +1,1 @@
-"""What every other folder uses: argument checks, collective errors, timing, messages."""
+"""Common tools of all folders: argument checks, collective errors, timing, messages."""

@@ -1,4 +1,4 @@
-"""What single arguments may be."""
+"""Check single arguments."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from dolfinx import fem, mesh
 
 
 class Kind(typing.NamedTuple):
-    """What an argument may be.
+    """Admissible kind of an argument.
 
     Attributes:
-        text: In words, as it goes on after "must be".
+        text: Description that follows "must be" in messages.
         fits: Whether a value is of this kind.
-        error: Exception for one that is not.
+        error: Exception for a value that is not.
     """
 
     text: str
@@ -28,7 +28,7 @@ class Kind(typing.NamedTuple):
 
 
 def number(text: str, fits: typing.Callable[[float], bool]) -> Kind:
-    """Finite numbers for which something holds; True and False are none."""
+    """Finite numbers that satisfy a condition; True and False are not numbers."""
 
     def fitting(value: typing.Any) -> bool:
         known = isinstance(value, (int, float, np.floating, np.integer))
@@ -45,12 +45,12 @@ def one_of(choices: typing.Sequence[str]) -> Kind:
 
 
 def instance(types: typing.Any, text: str) -> Kind:
-    """Objects of a type, or of one of several."""
+    """Objects of one type, or of one of several types."""
     return Kind(text, lambda value: isinstance(value, types), TypeError)
 
 
 def either(kind: Kind, other: str | None) -> Kind:
-    """Values of a kind, and one name or None."""
+    """Values of a kind, or a given name, or None."""
 
     def fitting(value: typing.Any) -> bool:
         return (isinstance(value, type(other)) and value == other) or kind.fits(value)
@@ -73,14 +73,12 @@ PATH = instance((str, os.PathLike), "a path")
 
 
 def check(kind: Kind, /, **arguments: typing.Any) -> None:
-    """Refuse arguments that are not of a kind.
+    """Raise an error for arguments that are not of a kind.
 
     Args:
         kind: The kind.
-        arguments: Values by the names that the error is to give.
-
-    Raises:
-        Exception: The kind's, with the argument's name and what it must be.
+        arguments: Values by argument name, for the error message. Raises:
+        Exception: The kind's exception, with the argument's name and what it must be.
     """
     for name, value in arguments.items():
         if not kind.fits(value):
@@ -88,13 +86,13 @@ def check(kind: Kind, /, **arguments: typing.Any) -> None:
 
 
 def require(holds: object, text: str, error: type[Exception] = ValueError) -> None:
-    """Raise an error with this text unless something holds, such as between two arguments."""
+    """Raise an error with this text unless a condition holds, for example between two arguments."""
     if not holds:
         raise error(text)
 
 
 def shown(value: typing.Any) -> str:
-    """A wrong value in a message: what Python prints, or its type if that is long or an address."""
+    """Text of a wrong value: as Python prints it, or its type if that is long or an address."""
     text = repr(value)
     return text if len(text) <= 60 and " at 0x" not in text else type(value).__name__
 
@@ -102,10 +100,10 @@ def shown(value: typing.Any) -> str:
 def check_array(
     name: str, value: typing.Any, shape: tuple[int | None, ...]
 ) -> npt.NDArray[np.float64]:
-    """The value as an array, not copied if it is one.
+    """The value as an array; an array is not copied.
 
     Args:
-        name: Of the argument.
+        name: Name of the argument.
         value: Its value.
         shape: Its shape, None for any length.
 
@@ -116,7 +114,7 @@ def check_array(
         array = np.asarray(value)
     except (TypeError, ValueError):
         array = np.array("ragged")
-    if array.dtype.kind not in "fiu":  # what is shown takes longer than the check
+    if array.dtype.kind not in "fiu":  # formatting the value takes longer than the check
         raise ValueError(f"{name}: must be numbers, not {shown(value)}")
     fits = len(shape) == array.ndim and all(
         n is None or n == m for n, m in zip(shape, array.shape, strict=True)
@@ -138,10 +136,10 @@ def check_vector(name: str, value: typing.Any, size: int) -> npt.NDArray[np.floa
 
 
 def check_file(name: str, value: typing.Any) -> pathlib.Path:
-    """The path of a file that is going to be written.
+    """Path of a file to be written.
 
     Raises:
-        TypeError: If it is no path.
+        TypeError: If it is not a path.
         FileNotFoundError: If its folder is missing.
     """
     check(PATH, **{name: value})

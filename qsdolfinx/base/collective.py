@@ -1,4 +1,4 @@
-"""Errors that reach every rank, so that a mistake seen by one rank hangs none."""
+"""Raise errors on all ranks, so that an error on one rank does not make others hang."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from qsdolfinx.base.checks import Kind, check
 
-#: Exceptions that can be raised on other ranks from their text alone.
+#: Exceptions that other ranks can create from the text alone.
 _PLAIN = (
     ValueError,
     TypeError,
@@ -29,27 +29,27 @@ _PLAIN = (
 
 _ANYTHING = Kind("anything", lambda value: True)
 
-#: Attribute of errors that all ranks raise.
+#: Attribute that marks errors raised on all ranks.
 _MARK = "_qsdolfinx_of_all_ranks"
 
-#: Blocks of ``checked`` that this rank is in.
+#: Open blocks of ``checked`` on this rank.
 _open: list[Same] = []
 
 
 class Same:
-    """Takes arguments that must be the same on all ranks, see :func:`checked`."""
+    """Collect arguments that must be the same on all ranks, see :func:`checked`."""
 
     def __init__(self) -> None:
-        #: What was taken, as text, by name.
+        #: Collected arguments as text, by name.
         self.given: dict[str, str] = {}
 
     def __call__(self, kind: Kind = _ANYTHING, /, **arguments: typing.Any) -> None:
-        """Check arguments here, and against those of the other ranks at the end of the block.
+        """Check arguments on this rank now, and compare them between ranks at the end of the block.
 
         Args:
-            kind: What they must be.
-            arguments: Values by the names that the error is to give; compared by their ``repr``,
-                NumPy's arrays and numbers by that of what they hold.
+            kind: Admissible kind of the arguments.
+            arguments: Values by argument name, for the error message. They are compared by their
+                ``repr``; NumPy arrays and numbers are compared by their values.
         """
         check(kind, **arguments)
         for name, value in arguments.items():
@@ -67,18 +67,18 @@ def checked(comm: MPI.Intracomm) -> typing.Iterator[Same]:
             check(MESH, msh=msh)
             same(POSITIVE, radius=radius)
 
-    refuses, on every rank, what any rank finds wrong, and what ``same`` was given and differs.
-    Ranks may fail each for its own reason, or hand ``same`` different things. The block must hold
-    no collective calls: a rank that fails leaves it early.
+    raises an error on every rank if any rank finds an error, or if arguments of ``same`` differ
+    between ranks. Each rank may fail for its own reason, or pass other arguments to ``same``. The
+    block must not contain collective calls: a rank that fails leaves it early.
 
     Args:
         comm: Communicator of the ranks that take part.
 
     Yields:
-        Takes the arguments that must be the same on all ranks.
+        Callable for arguments that must be the same on all ranks.
 
     Raises:
-        Exception: What the lowest failing rank raised; see :func:`collective_errors`.
+        Exception: The exception of the lowest failing rank; see :func:`collective_errors`.
         ValueError: If no rank fails, and an argument differs.
     """
     same = Same()
@@ -95,10 +95,11 @@ def checked(comm: MPI.Intracomm) -> typing.Iterator[Same]:
 
 @contextlib.contextmanager
 def checked_once(comm: MPI.Intracomm) -> typing.Iterator[Same]:
-    """As :func:`checked`, but inside a block of ``checked`` or ``collective_errors`` left to that.
+    """As :func:`checked`; inside a block of ``checked`` or ``collective_errors``, use that block.
 
-    For what is set in callbacks, too, such as a stepper's ``drive``: another rank may have raised
-    before, and would not take part in a reduction here. Collective outside of such a block.
+    It is for settings that may be made in callbacks, too, such as a stepper's ``drive``: another
+    rank may have raised an error before, and would not take part in a reduction here. Collective
+    outside such a block.
     """
     if _open:
         yield Same()
@@ -109,27 +110,27 @@ def checked_once(comm: MPI.Intracomm) -> typing.Iterator[Same]:
 
 @contextlib.contextmanager
 def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
-    """Raise on every rank what any rank raises inside the block.
+    """Raise exceptions of any rank inside the block on every rank.
 
-    The block must hold no collective calls: a rank that fails leaves it early. The exception of the
-    lowest failing rank is raised on all of them. Collective.
+    The block must not contain collective calls: a rank that fails leaves it early. The exception of
+    the lowest failing rank is raised on all ranks. Collective.
 
     Args:
         comm: Communicator of the ranks that take part.
 
     Raises:
-        Exception: Whatever was raised inside the block on any rank. Ranks that did not raise it get
-            a RuntimeError in its place if it is not a built-in exception made from a single text.
+        Exception: The exception raised inside the block on any rank. Ranks that did not raise it
+            get a RuntimeError instead if it is not a built-in exception created from a single text.
     """
     with checked(comm):
         yield
 
 
 def _settle(comm: MPI.Intracomm, error: BaseException | None, given: dict[str, str]) -> None:
-    """Raise what any rank has raised, or that ranks were given different things. Collective.
+    """Raise the error of any rank, or an error if arguments differ between ranks. Collective.
 
-    One reduction of as many numbers on all ranks, whatever they were given; more only after that
-    has told all of them that there is something to raise.
+    There is one reduction of the same size on all ranks, whatever the arguments. Further
+    communication follows only if this reduction shows all ranks that there is an error.
     """
     text = repr(sorted(given.items())).encode(errors="backslashreplace")
     digest = int.from_bytes(hashlib.blake2b(text, digest_size=7).digest(), "big")
@@ -149,7 +150,7 @@ def _settle(comm: MPI.Intracomm, error: BaseException | None, given: dict[str, s
 def _raise_everywhere(
     comm: MPI.Intracomm, error: BaseException | None, first: int
 ) -> typing.NoReturn:
-    """Raise this rank's error, or what stands for that of the first rank that has one."""
+    """Raise this rank's error, or a copy of the error of the first rank with an error."""
     mine = (type(error).__name__, str(error)) if comm.rank == first else None
     name, text = comm.bcast(mine, root=first)
     kind = {k.__name__: k for k in _PLAIN}.get(name)
@@ -162,11 +163,11 @@ def _raise_everywhere(
 
 
 def _of_all(error: BaseException) -> BaseException:
-    """Mark an error as one that all ranks raise."""
+    """Mark an error as raised on all ranks."""
     setattr(error, _MARK, True)
     return error
 
 
 def is_of_all(error: BaseException) -> bool:
-    """Whether all ranks have raised together, so that collective calls are possible."""
+    """Whether all ranks have raised an error together, so that collective calls are possible."""
     return bool(getattr(error, _MARK, False))

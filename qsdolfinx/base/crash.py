@@ -9,14 +9,14 @@ import typing
 
 from mpi4py import MPI
 
-#: Seconds after which ranks that have not failed as well count as waiting.
+#: Time (s) after which ranks that have not failed count as waiting.
 GRACE = 5.0
 
 Hook = typing.Callable[[type[BaseException], BaseException, types.TracebackType | None], typing.Any]
 
 
 class _EndingAll:
-    """An excepthook that calls the one before, and then sees to the other ranks."""
+    """Exception hook that calls the previous hook, and then ends the other ranks."""
 
     def __init__(self, before: Hook) -> None:
         self._before = before
@@ -30,7 +30,7 @@ class _EndingAll:
         sys.stderr.flush()
         if MPI.Is_finalized():
             return
-        # At its end Python would finalise PETSc and MPI, and wait there for the others.
+        # Otherwise Python would finalise PETSc and MPI at exit, and wait there for the other ranks.
         arrived, start = MPI.COMM_WORLD.Ibarrier(), time.monotonic()
         while not arrived.Test():
             if time.monotonic() - start > GRACE:

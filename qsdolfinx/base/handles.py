@@ -1,4 +1,4 @@
-"""PETSc's objects as the extension takes them."""
+"""Handles of PETSc objects for the C++ extension."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from petsc4py import PETSc
 
 
 def handle_of(thing: PETSc.Vec | PETSc.Mat | None) -> int:
-    """Handle for the kernels, 0 where there is nothing."""
+    """Handle for the kernels, 0 for None."""
     return 0 if thing is None else int(thing.handle)

@@ -1,8 +1,8 @@
-"""Ctrl-C and handlers of other signals while PETSc works: all ranks stop together, in order.
+"""Handle Ctrl-C and other signals while PETSc runs: all ranks stop together, in a valid state.
 
-PETSc cannot go on after a Python exception in the midst of it: matrices stay half assembled,
-vectors locked, and some of it ends the process. So what a handler of a signal raises waits for a
-place where all ranks can raise.
+PETSc cannot continue after a Python exception inside it: matrices remain partly assembled, vectors
+locked, and some functions end the process. So the exception of a signal handler is deferred to a
+place where all ranks can raise it.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ IN_PYTHON = -1
 
 
 class _Guard:
-    """Takes the place of handlers of signals in Python, in the main thread; elsewhere of none.
+    """Replace Python's signal handlers in the main thread; do nothing in other threads.
 
-    SIGINT is noted. Handlers of other signals are called when these come; what they raise is kept.
+    SIGINT is recorded. Handlers of other signals are called when the signals arrive; their
+    exceptions are stored.
 
     Args:
         comm: Communicator of the ranks that stop together.
@@ -33,14 +34,14 @@ class _Guard:
 
     def __init__(self, comm: MPI.Intracomm) -> None:
         self.size = comm.size
-        #: Whether all ranks are to stop.
+        #: Whether all ranks must stop.
         self.stops = False
-        #: What all of them have raised, each its own.
+        #: Exception that all ranks have raised, each rank its own.
         self.raised: BaseException | None = None
-        #: What a second signal has raised wherever that was.
+        #: Exception raised by a second signal, at any place.
         self.at_once: BaseException | None = None
         self._frame: types.FrameType | None = None
-        #: Whether code of the user runs, with nothing of PETSc below it.
+        #: Whether the user's code is running, with no PETSc function that called it.
         self.in_user_code = False
         self._pending, _here.left_over = _here.left_over, False
         self._error, _here.left_error = _here.left_error, None
@@ -59,7 +60,7 @@ class _Guard:
                 signal.signal(number, self._keeper)
 
     def __call__(self, number: int, frame: types.FrameType | None) -> None:
-        """Note the signal; pass on a second one, which leaves callbacks that hang."""
+        """Record the signal; pass on a second one, which can interrupt callbacks that hang."""
         if self._pending and self._before is not None:
             try:
                 self._before(number, frame)
@@ -69,19 +70,19 @@ class _Guard:
         self._pending, self._frame = True, frame
 
     def _keep(self, number: int, frame: types.FrameType | None) -> None:
-        """Call the handler of another signal; keep what it raises, unless the user's code runs."""
+        """Call the handler of another signal; store its exception unless user code is running."""
         if self.in_user_code:
             self._others[number](number, frame)
             return
         try:
             self._others[number](number, frame)
         except BaseException as error:
-            # Without its frames, which would keep alive all that was there, on this rank alone.
+            # Without the traceback, whose frames would keep objects alive on this rank alone.
             self._error = self._error or error.with_traceback(None)
 
     def requested(self, comm: MPI.Intracomm) -> bool:
         """See :func:`requested`."""
-        if self.stops or comm.size != self.size:  # other ranks than those that stop
+        if self.stops or comm.size != self.size:  # a communicator of other ranks
             return self.stops
         if self._pending:
             try:
@@ -96,13 +97,13 @@ class _Guard:
         return self.stops
 
     def stop(self) -> typing.NoReturn:
-        """Raise what the handler has raised, or KeyboardInterrupt for another rank's."""
+        """Raise the exception of the handler, or KeyboardInterrupt for a signal on another rank."""
         self.raised, self._error = self._error or KeyboardInterrupt(), None
         self.stops = False
         raise self.raised
 
     def pass_on(self) -> None:
-        """Raise what a handler has raised; call that of SIGINT if there has been one."""
+        """Raise the stored exception of a handler; call the SIGINT handler if it was received."""
         error, self._error = self._error, None
         if error is not None:
             self._pending = False
@@ -116,12 +117,12 @@ class _Guard:
             if pending and self._before is not None:
                 self._before(signal.SIGINT, frame)
         finally:
-            del frame  # or the traceback keeps all that was there, on this rank alone
+            del frame  # or the traceback keeps objects alive on this rank alone
 
     def leave_over(self) -> None:
-        """After the last look: one rank raises at once, several leave it to the next block.
+        """Handle signals after the last check: now on one rank, in the next block on several.
 
-        The others may be gone, and would wait for this rank in vain elsewhere.
+        The other ranks may have continued, and would wait for this rank elsewhere.
         """
         if self.size == 1:
             self.pass_on()
@@ -129,7 +130,7 @@ class _Guard:
             _here.left_over, _here.left_error = self._pending, self._error
 
     def end(self) -> None:
-        """Put the handlers back, unless somebody has set others."""
+        """Restore the handlers, unless others have been set since."""
         for number, other in self._others.items():
             if signal.getsignal(number) is self._keeper:
                 signal.signal(number, other)
@@ -148,16 +149,17 @@ _here = _OfThread()
 
 @contextlib.contextmanager
 def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
-    """Let Ctrl-C inside the block wait for :func:`look`, or for the end. Collective.
+    """Defer Ctrl-C inside the block to :func:`look`, or to the end of the block. Collective.
 
-    So does what handlers of other signals raise, such as that of SIGALRM for a limit of time; they
-    are called when the signals come. What a callback has raised inside of PETSc comes out of the
-    block as itself, not as an error of PETSc's.
+    Exceptions of other signal handlers, such as SIGALRM for a time limit, are deferred, too; these
+    handlers are called when the signals arrive. An exception of a callback inside PETSc leaves the
+    block unchanged, not as an error of PETSc.
 
-    The handler of SIGINT that was there is called then; if it raises on any rank, as Python's own
-    does, all ranks raise, the others KeyboardInterrupt. A second Ctrl-C while the first one waits
-    is handled at once, wherever that is. Blocks inside of others are part of these. What comes to a
-    rank of several after the last look of a block waits for the next one.
+    The previous handler of SIGINT is called then. If it raises an exception on any rank, as
+    Python's own handler does, all ranks raise an exception, the others KeyboardInterrupt. A second
+    Ctrl-C while the first one is deferred is handled immediately. Nested blocks are part of the
+    outer block. On several ranks, a signal after the last check of a block is deferred to the next
+    block.
 
     Args:
         comm: Communicator of the ranks that take part.
@@ -174,12 +176,12 @@ def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
     try:
         yield
         if guard.size > 1:
-            comm.Barrier()  # so that no rank waits for another in what follows
+            comm.Barrier()  # so that no rank waits for another below
         look(comm)
     except BaseException as error:
         guard.end()
         if isinstance(error, PETSc.Error) and guard.at_once is not None:
-            raise guard.at_once from None  # in a callback, of which PETSc makes an error of its own
+            raise guard.at_once from None  # in a callback; PETSc replaces it by its own error
         if error is not guard.raised:
             guard.pass_on()
         if (original := _raised_in_callback(error)) is not None:
@@ -192,7 +194,7 @@ def heeded(comm: MPI.Intracomm) -> typing.Iterator[None]:
 
 
 def _raised_in_callback(error: BaseException) -> BaseException | None:
-    """What a callback has raised, of which PETSc has made this error of its own; None otherwise."""
+    """Exception of a callback that PETSc has replaced by this error; None otherwise."""
     cause: BaseException | None = error
     while isinstance(cause, PETSc.Error) and cause.ierr == IN_PYTHON:
         cause = cause.__cause__
@@ -201,9 +203,9 @@ def _raised_in_callback(error: BaseException) -> BaseException | None:
 
 @contextlib.contextmanager
 def user_code() -> typing.Iterator[None]:
-    """Let handlers of signals other than SIGINT raise inside the block: nothing of PETSc is below.
+    """Allow exceptions of signal handlers, except SIGINT, inside the block: user code, not PETSc.
 
-    A callback may set a limit of time for what it does, and catch what the handler raises.
+    A callback may set a time limit for its own work, and catch the exception of the handler.
     """
     guard = _here.guard
     if guard is None:
@@ -217,15 +219,15 @@ def user_code() -> typing.Iterator[None]:
 
 
 def requested(comm: MPI.Intracomm) -> bool:
-    """Whether all ranks are to stop: for callbacks of PETSc, which end first. Collective."""
+    """Whether all ranks must stop: for callbacks of PETSc, which must return first. Collective."""
     return _here.guard is not None and _here.guard.requested(comm)
 
 
 def look(comm: MPI.Intracomm) -> None:
-    """Raise on all ranks if there was Ctrl-C on any. Collective.
+    """Raise an exception on all ranks if Ctrl-C was received on any rank. Collective.
 
     Raises:
-        KeyboardInterrupt: Or what else the handler of SIGINT raises.
+        KeyboardInterrupt: Or another exception of the handler of SIGINT.
     """
     guard = _here.guard
     if guard is not None and guard.requested(comm):
@@ -233,5 +235,5 @@ def look(comm: MPI.Intracomm) -> None:
 
 
 def is_of_all(error: BaseException) -> bool:
-    """Whether all ranks have raised by :func:`look`, so that collective calls are possible."""
+    """Whether all ranks have raised an exception in :func:`look`; collective calls are possible."""
     return _here.guard is not None and error is _here.guard.raised

@@ -1,4 +1,4 @@
-"""Messages and warnings that reach the user, with nothing set up before there are any."""
+"""Messages and warnings for the user; nothing is set up before the first one."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from mpi4py import MPI
 
 logger = logging.getLogger("qsdolfinx")
 
-#: Time step that is being made, in words.
+#: Description of the present time step.
 _when: contextvars.ContextVar[str] = contextvars.ContextVar("when", default="")
 
-#: Where the package is.
+#: Folder of the package.
 _PACKAGE = str(pathlib.Path(__file__).parents[1]) + os.sep
 
 
@@ -28,19 +28,19 @@ class ContactWarning(UserWarning):
 
 
 def say(comm: MPI.Intracomm, text: str) -> None:
-    """Log a message (INFO) on rank 0; print it as long as logging has no handlers."""
+    """Log a message (INFO) on rank 0; print it if logging has no handlers."""
     if comm.rank > 0 or logger.level > logging.INFO:
         return
     if not logger.hasHandlers():
         print(f"qsdolfinx: {text}", file=sys.stdout, flush=True)
         return
-    # Whatever the level of the loggers above: who is silent by a level says so to this one.
+    # The levels of parent loggers are ignored: to suppress messages, set the level of this logger.
     logger.handle(logger.makeRecord(logger.name, logging.INFO, __file__, 0, text, (), None))
 
 
 @contextlib.contextmanager
 def during(when: str) -> typing.Iterator[None]:
-    """Let warnings inside the block say when they came, such as ``"step 3, t = 0.2"``."""
+    """Add the time to warnings inside the block, such as ``"step 3, t = 0.2"``."""
     token = _when.set(when)
     try:
         yield
@@ -49,12 +49,12 @@ def during(when: str) -> typing.Iterator[None]:
 
 
 def warn(text: str, kind: type[ContactWarning]) -> None:
-    """Warn, on all ranks: whoever turns warnings into errors gets one everywhere.
+    """Warn on all ranks: if warnings are turned into errors, all ranks raise one.
 
-    The warning points to the line that has called the package, however deep it was found.
+    The warning refers to the line that has called the package, whatever the depth of the call.
 
     Args:
-        text: What is wrong and what to do.
+        text: Problem and remedy.
         kind: Class of the warning.
     """
     when = _when.get()
@@ -63,7 +63,7 @@ def warn(text: str, kind: type[ContactWarning]) -> None:
 
 
 def _level() -> int:
-    """Stack level, seen from whoever calls this, of the line that has called the package."""
+    """Stack level, relative to the caller, of the line that has called the package."""
     level, frame = 0, inspect.currentframe()
     while frame is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         level, frame = level + 1, frame.f_back
@@ -71,13 +71,11 @@ def _level() -> int:
 
 
 def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.Any:
-    """An argument by its name of before, with a warning; or the other, if that is None.
+    """Value of a renamed argument: by the old name with a warning, else by the new name.
 
     Args:
-        old: Name of before.
-        new: Name now.
-        given: Value by the old name, None for none.
-        other: Value by the new one, None for none.
+        old: Old name. new: New name. given: Value by the old name, None if not given. other: Value
+            by the new name, None if not given.
 
     Raises:
         ValueError: If both are given.
@@ -91,7 +89,7 @@ def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.
 
 
 class _Terminal(logging.Handler):
-    """Prints our warnings where logging has captured them and no other handler shows them."""
+    """Print warnings of the package that logging has captured and no other handler shows."""
 
     def emit(self, record: logging.LogRecord) -> None:
         text = record.getMessage()
@@ -105,9 +103,9 @@ class _Terminal(logging.Handler):
 
 @contextlib.contextmanager
 def _shown() -> typing.Iterator[None]:
-    """Show warnings: FFCx, which DOLFINx imports, hands them to logging, where nothing shows them.
+    """Show warnings: FFCx, imported by DOLFINx, redirects them to logging, where none is shown.
 
-    Our handler is there for the warning alone.
+    The handler is installed for the warning only.
     """
     python, handler = logging.getLogger("py.warnings"), _Terminal()
     python.addHandler(handler)

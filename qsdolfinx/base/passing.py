@@ -1,4 +1,4 @@
-"""Exceptions that pass through PETSc, from what it calls to who has called it."""
+"""Let exceptions pass through PETSc, from its callbacks to its caller."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import typing
 
 @contextlib.contextmanager
 def passing(keep: typing.Callable[[BaseException], None] | None = None) -> typing.Iterator[None]:
-    """Let what is raised in the block, or in a function that is decorated, pass through PETSc.
+    """Let exceptions of the block, or of a decorated function, pass through PETSc.
 
-    At each of PETSc's functions on the way petsc4py makes a text while the exception is pending. If
-    garbage collection begins just then, Python drops the exception, and petsc4py (3.22) refers to
-    what is no longer there: a segmentation fault. So garbage is collected before; what is made on
-    the way is too little for another collection.
+    At each PETSc function on the way, petsc4py creates a text while the exception is pending. If
+    garbage collection starts at this moment, Python drops the exception, and petsc4py (3.22) refers
+    to an object that no longer exists: a segmentation fault. So garbage is collected before. The
+    few objects created on the way do not start another collection.
 
     Args:
-        keep: Is given the exception, of which PETSc makes an error of its own.
+        keep: Called with the exception, because PETSc replaces it by its own error.
     """
     try:
         yield

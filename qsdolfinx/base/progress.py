@@ -1,4 +1,4 @@
-"""Progress bars, with tqdm where it is installed."""
+"""Progress bars, with tqdm if it is installed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 
 def bar(t_end: float, start: float = 0.0) -> typing.Any:
-    """Progress bar over time, None without tqdm."""
+    """Progress bar over time; None without tqdm."""
     try:
         import tqdm
     except ImportError:
@@ -22,7 +22,7 @@ def bar(t_end: float, start: float = 0.0) -> typing.Any:
 def progress(
     comm: MPI.Intracomm, wanted: bool, start: float, t_end: float
 ) -> typing.Iterator[typing.Callable[[float], None]]:
-    """A function to call with the time after each step; it moves a bar on rank 0 if wanted."""
+    """Function to be called with the time after each step; it updates a bar on rank 0 if wanted."""
     shown = bar(t_end, start) if wanted and comm.rank == 0 else None
     try:
         yield lambda t: None if shown is None else shown.update(t - shown.n)

@@ -1,4 +1,4 @@
-"""Wall time by stage, in Python and in PETSc's -log_view alike."""
+"""Measure wall time by stage, in Python and in PETSc's -log_view."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ STAGES = ("pairing", "gap", "insertion", "bulk assembly", "conversion", "solve")
 
 
 class Span(typing.NamedTuple):
-    """Wall time (s) of a stage, of the ranks that spent most and least in it."""
+    """Wall time (s) of a stage, largest and smallest over the ranks."""
 
     max: float
     min: float
 
 
 class Stopwatch:
-    """Wall time (s) that this rank has spent in each stage.
+    """Measure the wall time (s) of this rank in each stage.
 
-    A stage that begins inside another one stops that one's time, as PETSc's stages do.
+    A stage inside another one interrupts the time of the outer stage, as in PETSc.
     """
 
     _running: typing.ClassVar[list[tuple[Stopwatch, str]]] = []
@@ -39,7 +39,7 @@ class Stopwatch:
 
     @contextlib.contextmanager
     def stage(self, name: str) -> typing.Iterator[None]:
-        """Count the block's time."""
+        """Add the time of the block to a stage."""
         petsc = PETSc.Log.Stage(f"contact: {name}")
         self._book()
         Stopwatch._running.append((self, name))
@@ -53,7 +53,7 @@ class Stopwatch:
 
     @staticmethod
     def _book() -> None:
-        """Give the time since the last change to the stage that runs."""
+        """Add the time since the last change to the present stage."""
         now = time.perf_counter()
         if Stopwatch._running:
             watch, name = Stopwatch._running[-1]
@@ -62,7 +62,7 @@ class Stopwatch:
 
 
 def spans(comm: MPI.Intracomm, watches: typing.Sequence[Stopwatch]) -> dict[str, Span]:
-    """Sums of several stopwatches, over ranks. Collective."""
+    """Sums of several stopwatches, with their extremes over the ranks. Collective."""
     out = {}
     for name in STAGES:
         local = sum(watch.seconds[name] for watch in watches)

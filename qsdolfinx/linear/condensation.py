@@ -1,4 +1,4 @@
-"""The bodies' tangent with contact condensed, and what solves with it nearly."""
+"""Tangent of the bodies with contact condensed, and its preconditioner."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ Array = npt.NDArray[np.float64]
 
 
 class ContactPart(typing.NamedTuple):
-    """What contact adds to the bodies' matrices, at one evaluation.
+    """Contributions of contact to the bodies' matrices, at one evaluation.
 
     Attributes:
-        matrix: H, F, D and C: the derivative by all unknowns but for the bodies' own matrices.
+        matrix: H, F, D and C: the derivative by all unknowns, without the bodies' own matrices.
         blocks: C_γ of its rows of multipliers.
-        num_bodies: Unknowns of bodies on this rank, which are first; those of multipliers follow.
+        num_bodies: Number of unknowns of bodies on this rank; they come first, before the
+            multipliers.
     """
 
     matrix: PETSc.Mat
@@ -37,7 +38,7 @@ class ContactPart(typing.NamedTuple):
         """H − F C_γ⁻¹ D of the bodies' unknowns. Collective.
 
         Args:
-            into: What this has given before, of the same pattern; None for a new matrix.
+            into: An earlier result with the same pattern, to be reused; None for a new matrix.
         """
         inverse = self.blocks.inverse()
         start, num = self.matrix.getOwnershipRange()[0], self.blocks.num_rows
@@ -49,7 +50,7 @@ class ContactPart(typing.NamedTuple):
         inverse = inverse._replace(column=inverse.column + none.getOwnershipRange()[0])
         C = inverse.scaled(-1.0).matrix(num, num, self.matrix.comm)
         half = C.matMult(D)
-        for thing in (D, none, C):  # before the next needs their memory
+        for thing in (D, none, C):  # to free memory before the next matrix
             thing.destroy()
         F = self.matrix.createSubMatrix(sets[0], sets[1])
         product = F.matMult(half)
@@ -66,7 +67,7 @@ class ContactPart(typing.NamedTuple):
             into.axpy(1.0, out, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             out.destroy()
             return into
-        if out.handle == self.matrix.handle:  # PETSc gives all of a matrix as what it is
+        if out.handle == self.matrix.handle:  # PETSc returns the matrix itself
             out.destroy()
             out = self.matrix.copy()
         out.axpy(1.0, product, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -75,15 +76,14 @@ class ContactPart(typing.NamedTuple):
 
 
 class Condensation(typing.Protocol):
-    """K + H − F C_γ⁻¹ D, and V that solves with it nearly."""
+    """K + H − F C_γ⁻¹ D, and its preconditioner V."""
 
     def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
-        """Follow bodies and contact. Collective.
+        """Update for the present bodies and contact. Collective.
 
         Args:
-            contact: Contact.
-            springs: On top of the diagonal, owned unknowns.
-            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
+            contact: Contributions of contact. springs: Added to the diagonal, owned unknowns. free:
+                Motions that active constraints do not resist, from ``Hold.free_motions``.
         """
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -97,7 +97,7 @@ class Condensation(typing.Protocol):
 
 
 def condensation_of(system: ContactSystem, linear: LinearSolver) -> Condensation:
-    """That of a problem's linear solver."""
+    """Condensation for a problem's linear solver."""
     is_sum = isinstance(system.made.tangent, Additive)
     return _OfSum(system, linear) if is_sum else _OfMatrix(system, linear)
 
@@ -108,7 +108,8 @@ class _OfSum:
     def __init__(self, system: ContactSystem, linear: LinearSolver) -> None:
         assert isinstance(system.made.tangent, Additive)
         self._tangent, self._linear = system.made.tangent, linear
-        #: Contact, and what was condensed of it at the last update: patterns stay while both do.
+        #: Contact matrix and its condensed matrix at the last update: patterns are unchanged while
+        #: both exist.
         self._last: tuple[PETSc.Mat, PETSc.Mat] | None = None
 
     def update(self, contact: ContactPart, springs: Array, free: Array) -> None:
@@ -158,7 +159,7 @@ class _OfMatrix:
         self._linear.precondition_formed(whole)
 
     def _as_nest(self, whole: PETSc.Mat) -> PETSc.Mat:
-        """The same in blocks of bodies. Collective."""
+        """The matrix as a nest with blocks of bodies. Collective."""
         sizes = [body.num_owned for body in self._system.bodies]
         ends = whole.getOwnershipRange()[0] + np.cumsum([0, *sizes])
         sets = [

@@ -1,4 +1,4 @@
-"""The velocities of one body, with what only their own cell sees eliminated."""
+"""Velocities of one body, with the unknowns inside cells eliminated."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Indices = npt.NDArray[np.int64]
 class Condensed:
     """Velocities, or displacements, of a body: A = K_vv - K_vb K_bb⁻¹ K_bv.
 
-    Bubbles b see their own cell alone and are eliminated exactly, cell by cell. The rows of A are
-    multiplied by the displacement per unknown: its columns are with contact, and multigrid asks for
-    symmetry.
+    Bubbles b couple within their own cell only and are eliminated exactly, cell by cell. The rows
+    of A are multiplied by the displacement per unknown. Contact scales the columns in this way, and
+    multigrid needs symmetry.
 
     Args:
         body: The body.
@@ -38,7 +38,7 @@ class Condensed:
         self._gdim = body.V.mesh.geometry.dim
         modes, has_modes = velocity_modes(body)
         others = np.setdiff1d(np.arange(body.num_owned), pressures)
-        #: Owned unknowns of the body that remain, and those that are eliminated.
+        #: Owned unknowns of the body that remain, and owned unknowns that are eliminated.
         self.vertices: Indices = others[has_modes[others]]
         self.bubbles: Indices = others[~has_modes[others]]
         first = K.getOwnershipRange()[0]
@@ -46,7 +46,7 @@ class Condensed:
         self._has_bubbles = self._sets[1].getSize() > 0
         #: Whether A is the bulk block itself.
         self.is_whole = self._sets[0].getSize() == K.getSize()[0] and scale == 1
-        #: Whether A stays.
+        #: Whether A is constant.
         self.stays = body.linear and self.is_whole
         self._parts: dict[str, PETSc.Mat] = {}
         if self.is_whole:
@@ -56,7 +56,7 @@ class Condensed:
             self.A = K.createSubMatrix(is_v, is_v)
             self.A.setBlockSize(self._gdim)
         self._x, self._w = self.A.createVecs()
-        #: Rigid modes in the unknowns that remain.
+        #: Rigid modes in the remaining unknowns.
         self.modes = [self.A.createVecRight() for _ in modes]
         for vec, values in zip(self.modes, modes[:, self.vertices], strict=True):
             vec.array[:] = values
@@ -66,7 +66,7 @@ class Condensed:
             self._y, self._z = (self._parts["vb"].createVecRight() for _ in range(2))
 
     def update(self) -> None:
-        """Follow the bulk block. Collective."""
+        """Update for the present bulk block. Collective."""
         if self.is_whole:
             return
         is_v, is_b = self._sets
@@ -87,7 +87,7 @@ class Condensed:
         self.A.axpy(-1.0, parts["product"], structure=subset)
 
     def reduce(self, r: Array) -> Array:
-        """Right-hand side of A for one of K; the next :meth:`expand` belongs to it. Collective."""
+        """Right-hand side of A for a right-hand side of K; call :meth:`expand` next. Collective."""
         self._w.array[:] = r[self.vertices]
         if self._has_bubbles:
             self._y.array[:] = r[self.bubbles]
@@ -97,7 +97,7 @@ class Condensed:
         return np.asarray(self._scale * self._w.array_r)
 
     def expand(self, x: Array, out: Array) -> None:
-        """Write vertices and bubbles of the body's unknowns, for the vertices x. Collective."""
+        """Write the body's unknowns at vertices and bubbles, given x at vertices. Collective."""
         out[self.vertices] = x
         if self._has_bubbles:
             self._x.array[:] = x
@@ -120,7 +120,7 @@ def _index_set(K: PETSc.Mat, rows: Indices) -> PETSc.IS:
 
 
 def _inverted(bb: PETSc.Mat, gdim: int, out: PETSc.Mat | None) -> PETSc.Mat:
-    """Inverse of the bubbles' block, which is one of gdim rows for each cell. Collective."""
+    """Inverse of the bubbles' block, which has a block of gdim rows for each cell. Collective."""
     first, last = bb.getOwnershipRange()
     pointer, column, value = bb.getDiagonalBlock().getValuesCSR()
     count = last - first
@@ -144,8 +144,8 @@ def _inverted(bb: PETSc.Mat, gdim: int, out: PETSc.Mat | None) -> PETSc.Mat:
 def velocity_modes(body: Body) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Translations and rotations, shape (modes, owned unknowns), and where they have values.
 
-    In axisymmetric bodies too: there they are rigid motions only locally, which is what multigrid
-    asks for.
+    They are used for axisymmetric bodies, too: there they are rigid motions only locally, but this
+    is what multigrid needs.
     """
     V = body.V
     dofs: npt.NDArray[np.int64] = np.arange(body.num_owned)

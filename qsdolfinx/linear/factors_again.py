@@ -1,4 +1,4 @@
-"""Factors of a solver that an error has ended."""
+"""Reset a linear solver after an error."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ OF_A_LIBRARY = 76
 
 
 def begin_afresh(ksp: PETSc.KSP) -> None:
-    """Forget what an error in the middle of a solve has left. Collective.
+    """Reset the solver after an error in the middle of a solve. Collective.
 
-    Work vectors are locked, and a preconditioner counts the solves that it is in, and refuses a
-    third one: one with factors is made anew, with the same options.
+    After such an error, work vectors are locked. A preconditioner counts its nested solves and
+    refuses a third one; a preconditioner with factors is created again, with the same options.
     """
     old = ksp.getPC()
     if old.getType() not in (PETSc.PC.Type.LU, PETSc.PC.Type.CHOLESKY):

@@ -1,4 +1,4 @@
-"""Multigrid that follows the tangent: what is kept, and when its spaces are stale."""
+"""Update multigrid for a changing tangent, and decide when its coarse spaces are stale."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from qsdolfinx.linear.presets import FIRST, TIGHTEST
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.sum import Sum
 
-#: Spaces are chosen anew when a linear solve takes this many times the iterations of their first.
+#: Spaces are rebuilt when a linear solve takes this many times the iterations of the first solve
+#: with them.
 STALE = 1.5
 
 
 class Hierarchy:
-    """Multigrid for a tangent, and its first coarse spaces, which outlive it.
+    """Multigrid for a tangent, and its first coarse spaces, which are kept for later tangents.
 
-    They are those of the bodies without contact: they stay while contact's active set changes, and
-    when it pairs anew.
+    The spaces are those of the bodies without contact. They are kept when the active set or the
+    contact pairs change.
 
     Args:
-        ksp: The linear solver, whose pace tells whether the spaces still fit.
-        bodies: The spaces of linear ones fit until their matrices change.
+        ksp: The linear solver; its rate of convergence shows whether the spaces still fit. bodies:
+            The bodies. Spaces of linear bodies fit until the matrices change.
     """
 
     def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:
@@ -34,11 +35,11 @@ class Hierarchy:
         self._spaces: dict[int, Aggregates] = {}
         self._states: list[int] = []
         self._first_pace: float | None = None
-        #: Iterations per digit of the last solve of another solver; None if it was this one's.
+        #: Iterations per digit of the last solve, if by another solver; None if it was by this one.
         self.pace: float | None = None
 
     def forget(self) -> None:
-        """Free multigrid, but not the spaces: there is, or will be, a new tangent. Collective."""
+        """Free multigrid, but not the spaces, before a new tangent. Collective."""
         if self._multigrid is not None:
             self._multigrid.destroy()
         self._multigrid = None
@@ -54,7 +55,7 @@ class Hierarchy:
         tangent: Sum,
         modes: typing.Sequence[list[PETSc.Vec]],
     ) -> None:
-        """Follow a tangent that has changed. Collective.
+        """Update for a tangent that has changed. Collective.
 
         Args:
             pc: PETSc's preconditioner, of type "mg".
@@ -80,13 +81,13 @@ class Hierarchy:
         modes: typing.Sequence[list[PETSc.Vec]],
         states: list[int],
     ) -> None:
-        """Spaces of each body, the old ones where its matrix is another of the same body.
+        """Update the spaces of each body; old spaces are kept if only the matrix has changed.
 
         Args:
-            prefix: Of the options of the first coarsening.
+            prefix: Prefix of the options of the first coarsening.
             tangent: The tangent.
             modes: Rigid modes of each body.
-            states: A number for each body that changes when a linear one's matrix does.
+            states: A number for each body that changes when the matrix of a linear body changes.
         """
         for i, ((K, stays), state) in enumerate(zip(tangent.bodies, states, strict=True)):
             kept = self._spaces.get(i)

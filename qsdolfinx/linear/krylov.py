@@ -1,4 +1,4 @@
-"""The Krylov solvers of large problems: type and tolerance."""
+"""Type and tolerance of the Krylov solvers for large problems."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ import numpy as np
 
 from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
-#: Relative tolerance of a linear solve after which sets may still change; of bodies that are
-#: linear; and with bodies in velocity and pressure, whose viscosities let Newton's method diverge
-#: from what 1e-4 leaves.
+#: Relative tolerances of a linear solve after which active sets may still change: in general, for
+#: linear bodies, and with velocity–pressure bodies, whose viscosities make Newton's method diverge
+#: with a tolerance of 1e-4.
 LOOSE, LOOSE_OF_LINEAR, LOOSE_OF_FLOW = 1e-3, 3e-2, 1e-6
 
-#: Norm that a linear solve leaves, relative to what Newton's method may end with.
+#: Residual norm of a linear solve, relative to the norm at which Newton's method ends.
 SAFETY = 0.3
 
-#: The same where the residual is linear, so that it falls as the linear solver's does.
+#: The same if the nonlinear residual is linear, and so decreases as that of the linear solver.
 SAFETY_LINEAR = 0.9
 
-#: Relative tolerance of a linear solve that is worth a try if it may be the last one: a few
-#: iterations more cost less than another tangent.
+#: Relative tolerance of a linear solve that may be the last one: a few more iterations cost less
+#: than another tangent.
 NEAR = 1e-5
 
-#: Iterations that any solve is given.
+#: Smallest limit of iterations of any solve.
 LEAST = 30
 
-#: Factor of the tolerance for each iteration after the first one in which the residual is no less.
+#: Factor of the tolerance for each iteration after the first one without a decrease of the
+#: residual.
 TIGHTER = 0.1
 
 #: Upper bound of the relative tolerance of a linear solve.
@@ -36,7 +37,7 @@ _LOOSEST = 0.1
 
 
 class Krylov:
-    """Prepares each linear solve of Newton's method, where the preset is an iterative one.
+    """Prepare each linear solve of Newton's method with an iterative preset.
 
     Args:
         ksp: The linear solver.
@@ -44,7 +45,7 @@ class Krylov:
         linear: Whether all bodies are linear.
         slips: Whether there is friction.
         is_flow: Whether there are bodies in velocity and pressure.
-        patience: Iterations to EXACT after which a solve has failed; None for what options say.
+        patience: Iterations to EXACT after which a solve counts as failed; None to use the options.
     """
 
     def __init__(
@@ -66,11 +67,11 @@ class Krylov:
         self._slips = slips
         self._patience = patience
         self._chooses_type = "ksp_type" not in given
-        #: Whether the user leaves the tolerance of linear solves to this class.
+        #: Whether this class chooses the tolerance of linear solves, not the user's options.
         self.chooses_tolerance = not {"ksp_rtol", "ksp_atol", "snes_ksp_ew"} & set(given)
 
     def choose_type(self, symmetric: bool) -> None:
-        """Conjugate gradients, or GMRES for a tangent that is not symmetric."""
+        """Choose conjugate gradients, or GMRES for a tangent that is not symmetric."""
         kind = PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES
         if not self._chooses_type:
             return
@@ -82,15 +83,15 @@ class Krylov:
         is_left = symmetric and not is_flexible
         side = PETSc.PC.Side.LEFT if is_left else PETSc.PC.Side.RIGHT
         self._ksp.setPCSide(side)
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # Newton's method ends by it
+        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # the norm of Newton's test
 
     def set_tolerance(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
-        """Solve as exactly as it takes to end, or to find out which contacts close.
+        """Set the tolerance needed to end Newton's method, or to find the active set.
 
-        While the tangent changes a few digits do (inexact Newton methods: Eisenstat and Walker,
-        1996). For linear bodies the residual is linear while the active set stays: one solve then
-        ends Newton's method. Where the residual does not fall any more, what linear solves leave
-        may be what opens and closes contacts in turns: they get more exact then.
+        While the tangent changes, a few digits are enough (inexact Newton methods: Eisenstat and
+        Walker, 1996). For linear bodies the residual is linear while the active set is unchanged:
+        one solve then ends Newton's method. If the residual no longer decreases, errors of the
+        linear solves may change the active set back and forth; the tolerance is then reduced.
 
         Args:
             norms: Norm of the residual at each iteration so far.
@@ -111,12 +112,12 @@ class Krylov:
         self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
     def set(self, tolerance: float) -> None:
-        """The relative tolerance of a linear solve outside of Newton's method."""
+        """Set the relative tolerance of a linear solve outside Newton's method."""
         if self.chooses_tolerance:
             self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
     def longest(self, tolerance: float, least: int = LEAST) -> int | None:
-        """Iterations to this relative tolerance at most; None for what options say."""
+        """Largest number of iterations to this relative tolerance; None to use the options."""
         if self._patience is None:
             return None
         return max(least, round(np.log(tolerance) / np.log(EXACT) * self._patience))
@@ -127,7 +128,7 @@ class Krylov:
 
 
 def _stalls(norms: typing.Sequence[float]) -> int:
-    """Iterations since a norm was half of the least one before."""
+    """Number of iterations since a norm was at most half of the smallest one before."""
     least, stalls = np.inf, 0
     for norm in norms:
         stalls = 0 if norm <= least / 2 else stalls + 1

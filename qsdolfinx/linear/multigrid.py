@@ -11,26 +11,28 @@ import numpy as np
 from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
 from qsdolfinx.system.sum import Sum, diagonal_blocks
 
-#: Weight of contact's diagonal in Jacobi's method. By itself it is too small: contact couples
-#: many nodes with equal strength, its largest eigenvalue would be more than twice the bulk's, and
-#: so would be the interval that Chebyshev's polynomials have to damp. Too large a weight hardly
-#: smooths what contact couples: at nodes, and with multipliers, 3 takes a fifth more iterations.
+#: Weight of the diagonal of contact in Jacobi's method. Without a weight the diagonal is too small:
+#: contact couples many nodes with equal strength, so its largest eigenvalue would be more than
+#: twice that of the bulk. The interval that Chebyshev polynomials must damp would be as large. With
+#: too large a weight, the unknowns coupled by contact are hardly smoothed: at nodes, and with
+#: multipliers, 3 takes a fifth more iterations.
 CONTACT_WEIGHT = 1.5
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 class Multigrid:
-    """Two levels: Chebyshev's smoothing on the tangent, and GAMG on the first coarse matrix.
+    """Two-level multigrid: Chebyshev smoothing on the tangent, GAMG on the first coarse matrix.
 
     Unknowns are aggregated body by body, and the coarse spaces have each body's rigid modes: bodies
-    can slide along each other on all levels. The first coarse matrix is PᵀKP, made once while K
-    stays, plus PᵀCP of contact, which has few rows. GAMG's spaces below are those of PᵀKP.
+    can slide along each other on all levels. The first coarse matrix is PᵀKP, computed once while K
+    is unchanged, plus PᵀCP of contact, which has few rows. The coarser spaces of GAMG are those of
+    PᵀKP.
 
     Args:
         pc: PETSc's preconditioner, of type "mg".
         tangent: The tangent.
-        spaces: First coarse space of each body; they remain the caller's.
+        spaces: First coarse space of each body, owned by the caller.
         modes: Rigid modes of each body.
     """
 
@@ -45,7 +47,8 @@ class Multigrid:
         self._P = diagonal_blocks([space.P for space in self._spaces])
         self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
         self._contact = tangent.contact.coarse(self._P)
-        # With room for contact already, so that GAMG may keep its spaces when that comes in.
+        # The pattern already includes contact, so that GAMG can keep its spaces when contact is
+        # added.
         self._coarse: PETSc.Mat = self._contact.matrix.copy()
         self._coarse.zeroEntries()
         self._coarse.axpy(1.0, self._bulk, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -55,7 +58,7 @@ class Multigrid:
         self._start()
 
     def _start(self) -> None:
-        """Hand all matrices to PETSc, and make GAMG's spaces for the bulk."""
+        """Pass all matrices to PETSc, and create GAMG's spaces for the bulk."""
         pc = self._pc
         pc.reset()
         pc.setMGLevels(2)
@@ -68,7 +71,7 @@ class Multigrid:
         below.setUp()
 
     def update(self) -> None:
-        """Follow the tangent, which has changed. Collective."""
+        """Update for the tangent, which has changed. Collective."""
         if not all([space.update() for space in self._spaces]):
             self._bulk.destroy()
             self._bulk = diagonal_blocks([space.coarse for space in self._spaces])
@@ -84,7 +87,7 @@ class Multigrid:
         self._pc.getMGCoarseSolve().setOperators(self._coarse)
 
     def _add_shift(self) -> None:
-        """What holds bodies that nothing else does."""
+        """Add the regularisation of unsupported bodies."""
         if self._tangent.shift is None:
             return
         shift = self._tangent.matrix.createVecLeft()
@@ -121,9 +124,9 @@ class Aggregates:
 
     Args:
         K: The body's matrix.
-        linear: Whether K stays.
+        linear: Whether K is constant.
         modes: Its rigid modes.
-        prefix: Of the options.
+        prefix: Prefix of the options.
     """
 
     def __init__(self, K: PETSc.Mat, linear: bool, modes: list[PETSc.Vec], prefix: str) -> None:
@@ -150,11 +153,11 @@ class Aggregates:
         pc.destroy()
 
     def follow(self, K: PETSc.Mat) -> None:
-        """Take another matrix of the same pattern, and of the same values if K stays."""
+        """Use another matrix with the same pattern, and with the same values if K is constant."""
         self._K = K
 
     def update(self) -> bool:
-        """Follow K; whether it has stayed. Collective."""
+        """Update for K; returns whether it is unchanged. Collective."""
         if not self._linear:
             self._K.convert(PETSc.Mat.Type.AIJ, self._copy)
             self._copy.ptap(self.P, self.coarse)

@@ -1,18 +1,20 @@
-"""Linear solvers by name, and which one is taken when none is named."""
+"""Presets of linear solvers by name, and the automatic choice."""
 
 from __future__ import annotations
 
 import typing
 
-#: Memory (%) beyond MUMPS' estimate. Pivots that are put off, as those of the pressure in
-#: incompressible flow, need more; on several ranks how much also depends on timing.
+#: Memory (%) beyond MUMPS' estimate. Delayed pivots, such as those of the pressure in
+#: incompressible flow, need more memory; on several ranks the amount also depends on timing.
 EXTRA_MEMORY = 100
 
-#: Relative tolerance of a linear solve outside of Newton's method, and the tightest of any.
+#: Relative tolerance of a linear solve outside Newton's method, and the smallest tolerance of any
+#: solve.
 EXACT, TIGHTEST = 1e-8, 1e-12
 
-#: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth; the
-#: W-cycle makes up for that, and for contact, which is stiff compared with the coarse levels.
+#: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth. The
+#: W-cycle compensates for the lack of smoothing, and for contact, which is stiff compared with the
+#: coarse levels.
 AGGREGATION: dict[str, typing.Any] = {
     "pc_type": "gamg",
     "pc_gamg_agg_nsmooths": 0,
@@ -24,7 +26,7 @@ AGGREGATION: dict[str, typing.Any] = {
     "mg_levels_pc_type": "jacobi",
 }
 
-#: Below the first coarse matrix, which takes two W-cycles. Sweeps cost little there.
+#: Options below the first coarse matrix, on which two W-cycles are made. Sweeps cost little there.
 _BELOW = AGGREGATION | {
     "ksp_type": "richardson",
     "ksp_max_it": 2,
@@ -37,9 +39,9 @@ _BELOW = AGGREGATION | {
 #: Prefix of the options of each body's first coarsening, after the problem's.
 FIRST = "aggregation_"
 
-#: That coarsening alone; its matrices are not solved with.
+#: Options of this coarsening alone; no systems are solved with its matrices.
 _FIRST = AGGREGATION | {
-    "pc_gamg_parallel_coarse_grid_solver": True,  # otherwise all of it moves to one rank
+    "pc_gamg_parallel_coarse_grid_solver": True,  # otherwise the whole matrix moves to one rank
     "mg_levels_ksp_type": "richardson",
     "mg_levels_pc_type": "none",
     "mg_coarse_ksp_type": "preonly",
@@ -56,15 +58,15 @@ _TWO_LEVELS: dict[str, typing.Any] = {
 _TWO_LEVELS |= {f"mg_coarse_{key}": value for key, value in _BELOW.items()}
 _TWO_LEVELS |= {FIRST + key: value for key, value in _FIRST.items()}
 
-#: Of all iterative presets for displacements.
+#: Options of all iterative presets for displacements.
 KRYLOV: dict[str, typing.Any] = {
     "ksp_type": "cg",  # GMRES where the tangent is not symmetric
-    "ksp_rtol": EXACT,  # between Newton steps; theirs follows the residual
-    "ksp_max_it": 1000,  # a direct solver takes over
+    "ksp_rtol": EXACT,  # between Newton steps; in them it depends on the residual
+    "ksp_max_it": 1000,  # then a direct solver is the fallback
 }
 
-#: Iterations to EXACT in the time of a direct solver, for this number of unknowns. There are more
-#: with its third root.
+#: Iterations to EXACT in the time of a direct solver, for this number of unknowns. The number of
+#: iterations grows with the third root of the number of unknowns.
 PATIENCE, PATIENCE_AT = 100, 5_000
 
 #: Iterations after which GMRES restarts.
@@ -78,15 +80,16 @@ _SCHUR: dict[str, typing.Any] = {
     "ksp_type": "fgmres",
     "ksp_rtol": EXACT,
     "ksp_gmres_restart": GMRES_RESTART,
-    "ksp_max_it": 500,  # a step that asks for more is a wild one, and better damped
+    "ksp_max_it": 500,  # a step that needs more is unreliable, and better damped
     "pc_type": "python",
-    # A mass matrix, on which a few steps of Chebyshev's are exact enough.
+    # A mass matrix, for which a few Chebyshev steps are accurate enough.
     "pressure_ksp_type": "chebyshev",
     "pressure_ksp_max_it": 4,
     "pressure_ksp_norm_type": "none",
     "pressure_pc_type": "jacobi",
 }
-#: Beside the pressures fewer sweeps below do, but viscosities that vary need more smoothing.
+#: With the pressures, fewer sweeps on coarse levels are enough, but varying viscosities need more
+#: smoothing.
 _VELOCITY = _TWO_LEVELS | {
     "mg_coarse_mg_levels_ksp_max_it": 2,
     "mg_levels_ksp_max_it": 4,
@@ -102,7 +105,7 @@ PRESETS: dict[str, dict[str, typing.Any]] = {
         "mat_mumps_icntl_14": EXTRA_MEMORY,
     },
     "amg": KRYLOV | _TWO_LEVELS,
-    # One V-cycle for each body, one body after the other and back.
+    # One V-cycle for each body, forward and backward over the bodies.
     "fieldsplit": KRYLOV
     | {"pc_type": "fieldsplit", "pc_fieldsplit_type": "symmetric_multiplicative"},
     "schur": _SCHUR,
@@ -114,15 +117,16 @@ ITERATIVE = ("amg", "fieldsplit", "schur")
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 
-#: Unknowns from which on multigrid is taken, by dimension of space: see ``bench/solvers.py``.
+#: Number of unknowns from which multigrid is chosen, by dimension of space: see
+#: ``bench/solvers.py``.
 LARGE = {2: 1_000_000, 3: 2_500}
 
-#: The same of velocity–pressure bodies, by dimension, and of "schur"; without those inside cells.
+#: The same for velocity–pressure bodies and "schur", by dimension; without unknowns inside cells.
 LARGE_FLOW = {2: 1_000_000, 3: 10_000}
 
 
 def patience(unknowns: int) -> int:
-    """Iterations after which a direct solver would have been faster, of those of "auto"."""
+    """Iterations after which a direct solver would have been faster, for "auto"."""
     return round(PATIENCE * max(1.0, unknowns / PATIENCE_AT) ** (1 / 3))
 
 
@@ -133,14 +137,14 @@ def pick(
     kind: str,
     is_flow: bool = False,
 ) -> tuple[str, str]:
-    """The preset for a problem, and why.
+    """Choose the preset for a problem; returns its name and the reason.
 
     Args:
-        unknowns: Number of unknowns, over all ranks; of flow without those inside cells.
-        dim: Of space.
-        has_modes: Whether all bodies are in displacements or velocities alone.
+        unknowns: Number of unknowns, over all ranks; for flow without unknowns inside cells. dim:
+            Dimension of space.
+        has_modes: Whether all bodies have displacements or velocities only.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
-        is_flow: Whether there are bodies in velocity and pressure, for ``"schur"``.
+        is_flow: Whether there are velocity–pressure bodies, for ``"schur"``.
     """
     if is_flow and kind == "mpi":
         large = LARGE_FLOW[dim]

@@ -1,4 +1,4 @@
-"""Newton's step for bodies, multipliers and tools by a Krylov solver."""
+"""Newton step for bodies, multipliers and tools by a Krylov solver."""
 
 from __future__ import annotations
 
@@ -22,21 +22,20 @@ from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Iterations of GMRES from which on a symmetric matrix is left to conjugate gradients.
+#: Iterations of GMRES above which conjugate gradients are used for a symmetric matrix.
 CRAWLING = 2 * GMRES_RESTART
 
-#: Part of what Newton's method may end with that a linear solve leaves, at the last; and the least
-#: where gaps have to be closed for bodies that are much stiffer than the softest one.
+#: Residual of the last linear solve, over the residual at which Newton's method ends; and the
+#: smallest value of this ratio, for gaps of bodies that are much stiffer than the softest body.
 PART, LEAST_PART = 0.3, 1e-2
 
 
 class _Parts(typing.NamedTuple):
-    """Parts of a product, rows of multipliers as forces.
+    """Parts of a product; rows of multipliers are scaled to forces.
 
     Attributes:
-        forces: Of the bodies' unknowns.
-        rows: Of multipliers.
-        tools: On all ranks.
+        forces: Part of the bodies' unknowns. rows: Part of the multipliers. tools: Part of the
+            tools, on all ranks.
     """
 
     forces: Array
@@ -45,25 +44,25 @@ class _Parts(typing.NamedTuple):
 
 
 class SaddlePoint:
-    """Solves [K + H, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers.
+    """Solve [K + H, Lᵀ F; D R, C] [du; dm] = −[R_u; R_m], m being multipliers.
 
-    K are the bodies' own matrices, and all else is one matrix of few rows. L and R have the gaps
-    and slips of all rows as functions of the bodies' unknowns; F, D and C are blocks of the rows of
-    a node, see :class:`RowBlocks`; at points gaps add Lᵀ F_γ R to H. GMRES is preconditioned with
-    factors of the matrix in which closed rows have the compliance of a penalty, C_γ: with
-    S = −F C_γ⁻¹ D
+    K are the bodies' own matrices; everything else is one matrix with few rows. L and R contain the
+    gaps and slips of all constraints as functions of the bodies' unknowns. F, D and C are blocks of
+    the constraints of a node, see :class:`RowBlocks`. Gaps at contact quadrature points add Lᵀ F_γ
+    R to H. GMRES is preconditioned with factors of the matrix in which active constraints have the
+    compliance of a penalty, C_γ: with S = −F C_γ⁻¹ D
 
         [I, 0; D R V, I]⁻¹ · diag(V, C_γ)⁻¹ · [I, Lᵀ F C_γ⁻¹; 0, I]⁻¹,   V ≈ (K + Lᵀ S R)⁻¹.
 
-    V is multigrid's cycle, that of the Schur complement, or a solver that options name. With V
-    exact all eigenvalues are 1, but for those of closed rows without a compliance, which tend to 1
-    as the penalty grows (Benzi & Olshanskii, 2006). Driven tools are eliminated last, by
-    their Schur complement with V. Where all closed rows have a compliance and the matrix is
-    symmetric, conjugate gradients with V solve instead of V alone.
+    V is a multigrid cycle, the Schur complement preconditioner, or a solver set by options. With
+    exact V all eigenvalues are 1, except those of active constraints without a compliance, which
+    tend to 1 as the penalty grows (Benzi & Olshanskii, 2006). Force-controlled tools are eliminated
+    last, by their Schur complement with V. If all active constraints have a compliance and the
+    matrix is symmetric, conjugate gradients preconditioned by V replace V.
 
     Args:
         equations: The equations.
-        linear: The problem's linear solver, not one with factors.
+        linear: The problem's linear solver, without factors.
     """
 
     def __init__(self, equations: Equations, linear: LinearSolver) -> None:
@@ -74,17 +73,17 @@ class SaddlePoint:
         self._condensation = condensation_of(equations.system, linear)
         self._blocks = RowBlocks(equations)
         self._u, self._f = equations.system.x.duplicate(), equations.system.x.duplicate()
-        #: The derivative but for the bodies' own matrices, of the equations.
+        #: The derivative without the bodies' own matrices, owned by the equations.
         self._contact: PETSc.Mat | None = None
         self._before = b""
         #: Whether GMRES is too slow.
         self._crawls = False
-        #: Whether rows close, open or slip.
+        #: Whether constraints can change between active and inactive, or slip.
         self._may_change = any(not p.gap.law.jump or p.slip is not None for p in equations.passes)
         softest = min((p.rows.softness for p in equations.passes), default=1.0)
-        #: Part of what Newton's method may end with that a linear solve leaves, at the last.
+        #: Residual of the last linear solve, over the residual at which Newton's method ends.
         self._part = PART * max(LEAST_PART, self._comm.allreduce(softest, op=MPI.MIN))
-        #: What a callback has raised: PETSc would make an error of its own of it.
+        #: Exception raised by a callback: PETSc would replace it by an error of its own.
         self._failure: BaseException | None = None
         #: Norms of the right-hand sides of the solve.
         self._norms: list[float] = []
@@ -105,11 +104,11 @@ class SaddlePoint:
         self._stop = Stop(self._ksp, self._comm)
 
     def set_up(self, at: State, springs: Array) -> None:
-        """Take the derivative at an evaluation, the last one. Collective.
+        """Form the derivative at the last evaluation. Collective.
 
         Args:
             at: The evaluation.
-            springs: On top of the diagonal of the bodies' matrices, owned unknowns.
+            springs: Added to the diagonal of the bodies' matrices, owned unknowns.
         """
         self._blocks.take(at)
         self._follow(at, springs)
@@ -121,9 +120,9 @@ class SaddlePoint:
 
         Args:
             rhs: This rank's part of the change of R.
-            until: Norm of forces, and of gaps times a stiffness, with which Newton's method ends.
+            until: Norm of forces, and of gaps times a stiffness, at which Newton's method ends.
             exact: Whether to solve with a small tolerance, whatever Newton's method needs.
-            guess: What the change may be like.
+            guess: Initial guess of the change.
         """
         rhs = self._in_forces(rhs)
         norm = float(np.sqrt(self._comm.allreduce(float(rhs @ rhs), op=MPI.SUM)))
@@ -143,7 +142,7 @@ class SaddlePoint:
         return out if self._comm.allreduce(fine, op=MPI.LAND) else None
 
     def _in_forces(self, values: Array) -> Array:
-        """Rows of multipliers and tools multiplied to be forces."""
+        """Scale the rows of multipliers and tools to forces."""
         out = values.copy()
         out[self._num_u :] *= self.row_scale
         return out
@@ -160,7 +159,7 @@ class SaddlePoint:
         return found
 
     def _begin(self, b: PETSc.Vec, x: PETSc.Vec, guess: Array | None) -> bool:
-        """Begin with a guess, if it is better than none; whether it is. Collective."""
+        """Use the initial guess if it is better than zero; returns whether it is. Collective."""
         if guess is None:
             return False
         x.array[:] = guess
@@ -172,14 +171,14 @@ class SaddlePoint:
         return helps
 
     def _left(self, b: PETSc.Vec, x: PETSc.Vec) -> PETSc.Vec:
-        """New vector of what x leaves of b. Collective."""
+        """New vector with the residual of x. Collective."""
         out = b.duplicate()
         self.mult(self._matrix, x, out)
         out.aypx(-1.0, b)
         return out
 
     def _iterate(self, b: PETSc.Vec, x: PETSc.Vec, until: float, exact: bool) -> None:
-        """GMRES, and conjugate gradients inside where they do and it is slow. Collective."""
+        """Iterate by GMRES, with inner conjugate gradients if GMRES is slow. Collective."""
         linear, ksp = self._linear, self._ksp
         condensed = self._comm.allreduce(self._blocks.is_condensed, op=MPI.LAND)
         symmetric = linear.system.symmetric and not self._equations.tools
@@ -206,7 +205,7 @@ class SaddlePoint:
         self._stop.look(ksp)
 
     def _correct(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve exactly for motions that next to nothing resists. Collective."""
+        """Solve exactly for motions with almost no resistance. Collective."""
         soft = self._linear.soft
         if not soft.count:
             return
@@ -215,7 +214,7 @@ class SaddlePoint:
         left.destroy()
 
     def _choose_type(self) -> None:
-        """GMRES, or its flexible form where the preconditioner is another each time."""
+        """Choose GMRES, or flexible GMRES if the preconditioner varies."""
         linear, kinds = self._linear, PETSc.KSP.Type
         kind = kinds.FGMRES if linear.schur is not None or linear.is_inner else kinds.GMRES
         if self._ksp.getType() != kind:
@@ -224,18 +223,18 @@ class SaddlePoint:
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
 
     def _call(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Let PETSc solve; what a callback raises is raised as it is. Collective."""
+        """Let PETSc solve; exceptions of callbacks are raised unchanged. Collective."""
         try:
             self._ksp.solve(b, x)
         except PETSc.Error:
-            self._equations.system.make_stale()  # what PETSc was in the midst of
+            self._equations.system.make_stale()  # PETSc was interrupted while using it
             failure, self._failure = self._failure, None
             if failure is None:
                 raise
             raise failure from None
 
     def _has_changed(self) -> bool:
-        """Whether blocks of rows are others than at the last solve. Collective."""
+        """Whether blocks of constraints differ from those of the last solve. Collective."""
         if not self._may_change:
             return False
         digest = self._blocks.digest
@@ -250,7 +249,7 @@ class SaddlePoint:
 
     @property
     def row_scale(self) -> Array:
-        """What rows of multipliers and of tools were multiplied with to be forces."""
+        """Factors that scale the rows of multipliers and tools to forces."""
         return self._blocks.scale
 
     @property
@@ -266,10 +265,10 @@ class SaddlePoint:
 
     @property
     def reason(self) -> str:
-        """Why the last solve has ended."""
+        """Reason why the last solve ended."""
         return reason_name(PETSc.KSP.ConvergedReason, self._ksp.getConvergedReason())
 
-    # --- What PETSc calls
+    # --- Callbacks of PETSc
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """The product of the matrix."""
@@ -311,7 +310,7 @@ class SaddlePoint:
         self._put_tools(z, ds)
 
     def _condensed(self, du: Array | None, ds: Array | None = None) -> Array:
-        """Change of multipliers where bodies and tools move. Collective."""
+        """Change of multipliers due to motions of bodies and tools. Collective."""
         return self._blocks.condensed(self._beside(du, None, ds).rows)
 
     def _beside(
@@ -320,7 +319,7 @@ class SaddlePoint:
         multipliers: Array | None = None,
         tools: Array | None = None,
     ) -> _Parts:
-        """What contact makes of these unknowns. Collective."""
+        """Product of the contact matrix with these unknowns. Collective."""
         assert self._contact is not None
         x, y = self._x, self._y
         x.zeroEntries()
@@ -334,10 +333,10 @@ class SaddlePoint:
         y.array[self._num_u :] *= self.row_scale
         return _Parts(*(part.copy() for part in self._split(y.array_r)))
 
-    # --- Parts of it
+    # --- Parts of the system
 
     def _split(self, x: Array) -> tuple[Array, Array, Array]:
-        """Unknowns of bodies and multipliers, and those of tools on all ranks. Collective."""
+        """Unknowns of bodies and multipliers, and of tools on all ranks. Collective."""
         count = len(self._equations.tools)
         s = np.zeros(count)
         if count == 0:
@@ -358,7 +357,7 @@ class SaddlePoint:
         return self._f.array_r.copy()
 
     def _follow(self, at: State, springs: Array) -> None:
-        """Follow bodies, contact and tools. Collective."""
+        """Update for the present bodies, contact and tools. Collective."""
         system = self._equations.system
         self._contact = self._equations.derivative.beside_bodies(at)
         free = system.made.hold.free_motions([e.active for e in at.passes])
@@ -366,10 +365,10 @@ class SaddlePoint:
         self._condensation.update(contact, springs, free)
         self._find_rigid()
 
-    # --- Driven tools
+    # --- Force-controlled tools
 
     def _find_rigid(self) -> None:
-        """What tools need: where bodies go with them, and their Schur complement with V.
+        """Compute the motion of bodies with the tools, and the tools' Schur complement with V.
 
         Collective.
         """
@@ -380,7 +379,7 @@ class SaddlePoint:
             moved.append(self._cycle(pushed.forces))
             back = self._beside(moved[-1], self._condensed(moved[-1]))
             left.append(pushed.tools - back.tools)
-        #: V times the forces that each tool makes, (tools, unknowns).
+        #: V times the forces due to the motion of each tool, (tools, unknowns).
         self._moved: Array = np.array(moved)
         self._schur: Array = np.array(left).T
 

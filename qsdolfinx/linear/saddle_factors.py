@@ -1,4 +1,4 @@
-"""Newton's step for bodies, multipliers and tools by a direct solver."""
+"""Newton step for bodies, multipliers and tools by a direct solver."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from qsdolfinx.system.passes import State
 Array = npt.NDArray[np.float64]
 
 
-#: Values of MUMPS' INFOG(1) that tell of too little working space.
+#: Values of MUMPS' INFOG(1) for too little working space.
 SHORT_OF_MEMORY = (-8, -9)
 
-#: Most memory beyond what MUMPS expects, in per cent.
+#: Most memory beyond MUMPS' estimate, in per cent.
 MOST_MEMORY = 100 * EXTRA_MEMORY
 
 
 class SaddleFactors:
-    """Solves with the inexact derivative, formed as one AIJ matrix, by MUMPS or as options say.
+    """Solve with the inexact derivative as one AIJ matrix, by MUMPS or by the solver of options.
 
-    A second solve with the same factors takes back what makes the matrix regular.
+    A second solve with the same factors corrects for the regularisation of the matrix.
 
     Args:
         equations: The equations.
-        linear: The problem's linear solver, whose options are taken if it is a direct one.
+        linear: The problem's linear solver; its options are used if it is a direct solver.
     """
 
     def __init__(self, equations: Equations, linear: LinearSolver) -> None:
         self._equations, self._linear = equations, linear
         self._memory = EXTRA_MEMORY
         self._ksp = self._new_ksp()
-        #: Why there was no solution.
+        #: Reason why there was no solution.
         self.reason = ""
 
     def _new_ksp(self) -> PETSc.KSP:
@@ -72,7 +72,7 @@ class SaddleFactors:
     def solve(self, rhs: Array) -> Array | None:
         """Change of z for a change of R; None if the matrix is singular. Collective.
 
-        Pivots that MUMPS delays may need many times the memory that it expects.
+        Delayed pivots may need many times the memory that MUMPS estimates.
 
         Args:
             rhs: This rank's part of the change of R.
@@ -85,7 +85,7 @@ class SaddleFactors:
             matrix, info = self._ksp.getOperators()[0], 0
             if self._is_mumps:
                 info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
-            self._ksp.destroy()  # an error leaves a preconditioner of no more use
+            self._ksp.destroy()  # the preconditioner is unusable after an error
             self._ksp = self._new_ksp()
             if info not in SHORT_OF_MEMORY or self._memory >= MOST_MEMORY:
                 self.reason = f"singular (MUMPS: INFOG(1) = {info})" if info else "singular"

@@ -1,10 +1,10 @@
-"""Velocity–pressure bodies by a Schur complement: the linear solver ``"schur"``.
+"""Linear solver ``"schur"``: Schur complement for velocity–pressure bodies.
 
-The velocities of all bodies, with contact and with the displacements of bodies that have nothing
-else, are one block A; the pressures of all bodies are the other. The first is eliminated, and its
-Schur complement S = C - B A⁻¹ Bᵀ is replaced by a mass matrix of the pressures, weighted by the
-inverse of the viscosity, which is of the same spectrum on any mesh (Elman, Silvester and Wathen,
-2014).
+The velocities of all bodies, with contact, form one block A, together with the displacements of
+bodies that have no pressure. The pressures of all bodies form the other block. The block A is
+eliminated. Its Schur complement S = C - B A⁻¹ Bᵀ is replaced by a mass matrix of the pressures,
+weighted by the inverse of the viscosity, which is spectrally equivalent on any mesh (Elman,
+Silvester and Wathen, 2014).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Array = npt.NDArray[np.float64]
 
 
 def has_schur(F: typing.Sequence[ufl.Form], u: typing.Sequence[fem.Function]) -> bool:
-    """Whether ``"schur"`` is for these bodies."""
+    """Whether ``"schur"`` can be used for these bodies."""
     try:
         has_pressure = any(pressure is not None for pressure in _pressures(u))
     except ValueError:
@@ -49,7 +49,7 @@ def check_schur(
     kind: str,
     forms: Forms,
 ) -> None:
-    """Refuse what ``"schur"`` is not for: bodies without a pressure, forms that do not fit."""
+    """Check that ``"schur"`` can be used: bodies with pressure, suitable forms."""
     if solver not in ("schur", "auto") and forms is not None:
         raise ValueError(f'pressure_preconditioner: is for linear_solver="schur", not {solver!r}')
     if solver == "schur":
@@ -71,7 +71,7 @@ def check_schur(
 
 
 def num_inside_cells(V: fem.FunctionSpace) -> int:
-    """Unknowns that only their own cell has, over all ranks."""
+    """Number of unknowns inside cells, over all ranks."""
     dim = V.mesh.topology.dim
     cells = int(V.mesh.topology.index_map(dim).size_global)
     return cells * num_entity_dofs(V, dim) * int(V.dofmap.dof_layout.block_size)
@@ -89,7 +89,7 @@ def _across_cells(F: typing.Sequence[ufl.Form], u: typing.Sequence[fem.Function]
 
 
 def _pressures(u: typing.Sequence[fem.Function]) -> list[typing.Any]:
-    """Of each body the pressure's part of the space, None for displacements."""
+    """For each body the sub-space of the pressure, None for displacements."""
     return [layout(function.function_space)[1] for function in u]
 
 
@@ -110,7 +110,7 @@ def _check_forms(u: typing.Sequence[fem.Function], forms: typing.Any) -> None:
 
 
 class Schur:
-    """PETSc's PCPYTHON for a tangent: the pressures by S, then the velocities by A.
+    """PETSc preconditioner (PCPYTHON) for a tangent: solve for pressures by S, velocities by A.
 
     Args:
         ksp: The linear solver.
@@ -122,7 +122,7 @@ class Schur:
         self._ksp, self._bodies = ksp, bodies
         self._comm = bodies[0].comm
         prefix = ksp.getOptionsPrefix() or ""
-        #: Of each body; None for displacements.
+        #: Pressure of each body; None for displacements.
         self.pressures = [
             None
             if layout(body.V)[1] is None
@@ -134,7 +134,7 @@ class Schur:
         self._tangent: Sum | None = None
 
     def set_up(self, pc: PETSc.PC, tangent: Sum, scales: typing.Sequence[float]) -> None:
-        """Follow a new tangent. Collective.
+        """Set up for a new tangent. Collective.
 
         Args:
             pc: The preconditioner, of type "python".
@@ -150,7 +150,7 @@ class Schur:
         pc.setPythonContext(self)
 
     def update(self) -> None:
-        """Follow the tangent, which has been assembled for the present unknowns. Collective."""
+        """Update for the tangent assembled for the present unknowns. Collective."""
         assert self._tangent is not None and self._velocity is not None
         of_bodies = zip(self.pressures, self._tangent.bodies, self._tangent.parts, strict=True)
         for pressure, (K, _), part in of_bodies:
@@ -164,7 +164,7 @@ class Schur:
 
     @passing()
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Approximate solution, as PETSc calls it. Collective."""
+        """Apply the preconditioner, as a callback of PETSc. Collective."""
         assert self._tangent is not None and self._velocity is not None
         right, out = r.array_r.copy(), x.array
         for pressure, part in zip(self.pressures, self._tangent.parts, strict=True):
@@ -196,7 +196,7 @@ class Schur:
             vec.destroy()
 
     def forget(self) -> None:
-        """Free what was made for the tangent, which is about to be freed. Collective."""
+        """Free everything created for the tangent, which is about to be freed. Collective."""
         for pressure in self.pressures:
             if pressure is not None:
                 pressure.forget()
@@ -218,8 +218,7 @@ class Pressure:
 
     Args:
         body: A body with velocity and pressure.
-        form: Instead of the automatic mass matrix, or None.
-        prefix: Of the options.
+        form: Form instead of the automatic mass matrix, or None. prefix: Prefix of the options.
     """
 
     def __init__(self, body: Body, form: ufl.Form | None, prefix: str) -> None:
@@ -248,7 +247,7 @@ class Pressure:
         self._ksp.setOperators(self.mass.matrix)
 
     def apply(self, r: Array, out: Array) -> None:
-        """Write the pressures to ``out``, and take what they do from the other rows. Collective.
+        """Write the pressures to ``out``, and subtract their forces from other rows. Collective.
 
         Args:
             r: Right-hand side, owned values of the body's unknowns.
@@ -262,7 +261,7 @@ class Pressure:
         r[self._others] -= self._w.array_r
 
     def forget(self) -> None:
-        """Free what belongs to the tangent. Collective."""
+        """Free everything created for the tangent. Collective."""
         for thing in (self._Bt, self._w):
             if thing is not None:
                 thing.destroy()

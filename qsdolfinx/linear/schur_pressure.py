@@ -1,4 +1,4 @@
-"""The pressure's matrix of the linear solver ``"schur"``, found from a body's tangent."""
+"""Pressure matrix of the linear solver ``"schur"``, computed from a body's tangent."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from qsdolfinx.system.body import Body
 
 
 def layout(V: fem.FunctionSpace) -> tuple[int | None, int | None]:
-    """Which sub-spaces are velocity and pressure; (None, None) of displacements alone.
+    """Indices of the sub-spaces of velocity and pressure; (None, None) for displacements alone.
 
     Raises:
-        ValueError: If V is neither a vector field nor one of these with a scalar field.
+        ValueError: If V is neither a vector field nor a vector field with a scalar field.
     """
     gdim = V.mesh.geometry.dim
     if V.num_sub_spaces == gdim and V.dofmap.index_map_bs == gdim:
@@ -44,13 +44,14 @@ def _test_and_trial(form: ufl.Form) -> tuple[typing.Any, typing.Any]:
 
 
 class PressureMass:
-    """Mass matrix of one body's pressure that stands for its Schur complement.
+    """Mass matrix of one body's pressure that approximates its Schur complement.
 
-    Its weight is found from the tangent J, cell by cell. Put into J for trial and test function,
-    fields v = E x of constant strain rate E, of no volume change and norm 1, give a = 2η, the mean
-    over such E of the tangent stress; with a unit pressure as one of both, J gives b, the factor of
-    p div v; with two unit pressures c, the compressibility. The weight is c - b₁ b₂ / a. That is
-    -1/(2η) in ``materials.incompressible``, for the viscosity η of the present iterate.
+    Its weight is computed from the tangent J, cell by cell. With fields v = E x of constant strain
+    rate E, without volume change and of norm 1, as trial and test function, J gives a = 2η, the
+    mean of the tangent stress over such E. With a unit pressure as one of the functions, J gives b,
+    the factor of p div v. With two unit pressures it gives c, the compressibility. The weight is c
+    - b₁ b₂ / a. In ``materials.incompressible`` this is -1/(2η), with the viscosity η of the
+    present iterate.
 
     Args:
         body: A body with velocity and pressure.
@@ -63,7 +64,7 @@ class PressureMass:
         assert velocity is not None and pressure is not None
         self._velocity_first = velocity < pressure
         self._gdim = body.V.mesh.geometry.dim
-        #: Space of the pressure, and its unknowns among those of the body.
+        #: Space of the pressure, and its unknowns in the body's numbering.
         self.Q, dofs = collapse(body.V.sub(pressure))
         owned = dofs[: self.Q.dofmap.index_map.size_local]
         #: Owned unknowns of the body that are pressures, ascending.
@@ -82,13 +83,13 @@ class PressureMass:
             test, trial = _test_and_trial(given)
             form = ufl.replace(given, {test: self._pressure(q), trial: self._pressure(p)})
         self._form: typing.Any = body.compiling.form(form)
-        #: Factor of the form, which of a user's has either sign.
+        #: Sign of the form; a user's form may have either sign.
         self.sign = 1.0
         self.has_sign = given is None
         self.matrix: PETSc.Mat = fem_petsc.create_matrix(self._form)
 
     def _join(self, v: typing.Any, p: typing.Any) -> typing.Any:
-        """Value of the body's space."""
+        """Combine velocity and pressure to a value of the body's space."""
         parts = [*(v[i] for i in range(self._gdim)), p]
         return ufl.as_vector(parts if self._velocity_first else [parts[-1], *parts[:-1]])
 
@@ -124,7 +125,7 @@ class PressureMass:
             if self._probes is not None:
                 values = fem.assemble_vector(self._probes).array.reshape(-1, 5)
                 a, b1, b2, c, volume = values.T
-                volume = np.where(volume == 0, 1.0, volume)  # of ghost cells
+                volume = np.where(volume == 0, 1.0, volume)  # ghost cells
                 ratio = np.divide(b1 * b2, a, out=np.zeros_like(a), where=a != 0)
                 self._weight.x.array[::5] = (c - ratio) / volume
             self.matrix.zeroEntries()

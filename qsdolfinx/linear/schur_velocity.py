@@ -28,10 +28,10 @@ class VelocityBlock:
     Args:
         bodies: The bodies.
         tangent: The tangent of all unknowns.
-        pressures: For each body its owned unknowns that are pressures.
+        pressures: Owned pressure unknowns of each body.
         scales: Displacement per unknown of each body.
         hierarchy: Multigrid's spaces.
-        prefix: Of the options.
+        prefix: Prefix of the options.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class VelocityBlock:
             )
         ]
         ends = zip(tangent.parts, self._parts, strict=True)
-        #: Owned unknowns of all bodies that multigrid sees.
+        #: Owned unknowns of all bodies in the multigrid matrix.
         self._vertices = np.concatenate([part.start + body.vertices for part, body in ends])
         first, comm = tangent.matrix.getOwnershipRange()[0], tangent.matrix.comm
         self._set = PETSc.IS().createGeneral((first + self._vertices).astype(np.int32), comm=comm)
@@ -67,12 +67,12 @@ class VelocityBlock:
         self._pc.setFromOptions()
 
     def _symmetric(self) -> list[PETSc.Mat | None]:
-        """Matrices with the same products as bodies' whole blocks, see :class:`Sum`."""
+        """Matrices with the same products as the bodies' complete blocks, see :class:`Sum`."""
         whole = zip(self._parts, self._tangent.symmetric, strict=True)
         return [half if part.is_whole else None for part, half in whole]
 
     def update(self) -> None:
-        """Follow the tangent. Collective."""
+        """Update for the present tangent. Collective."""
         self._sum.symmetric[:] = self._symmetric()
         for part in self._parts:
             part.update()
@@ -85,7 +85,7 @@ class VelocityBlock:
         self._pc.setUp()
 
     def apply(self, r: Array, out: Array) -> None:
-        """Approximate solution; the pressures of ``out`` stay. Collective.
+        """Approximate solution; the pressures of ``out`` are unchanged. Collective.
 
         Args:
             r: Right-hand side, owned values of all unknowns.

@@ -1,4 +1,4 @@
-"""Motions that a tangent hardly resists: what iterative solvers leave along them is taken away."""
+"""Correct iterative solutions along motions that the tangent hardly resists."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Resistance of a motion m that counts as next to none: |A m| over |diag(A) m|.
+#: Resistance of a motion m, |A m| over |diag(A) m|, below which the motion counts as soft.
 SOFT = 1e-6
 
 
 class SoftMotions:
-    """Rigid motions that next to nothing resists, solved for exactly after each linear solve.
+    """Solve exactly for rigid motions with almost no resistance, after each linear solve.
 
-    Conditions and closed contacts leave them open, and what is added to the diagonal of the tangent
-    for them is tiny, see :class:`Hold`: a residual that is none beside the forces moves bodies by
-    many times their size. So the part x of a solution along these motions M is replaced by that for
-    which Mᵀ (b - A x) = 0, as factors of the tangent would give it.
+    Conditions and active constraints leave these motions free, and the regularisation on the
+    diagonal of the tangent is tiny, see :class:`Hold`. A residual that is negligible relative to
+    the forces then moves bodies by many times their size. So the part of a solution x along these
+    motions M is replaced such that Mᵀ (b - A x) = 0, as factors of the tangent would give it.
 
-    It must not refer to the linear solver: PETSc keeps it where Python's garbage collector does not
-    look.
+    This object must not refer to the linear solver: PETSc keeps it where Python's garbage collector
+    does not see it.
 
     Args:
         system: The system.
@@ -40,19 +40,19 @@ class SoftMotions:
 
     @property
     def count(self) -> int:
-        """Number of the motions that the present tangent leaves."""
+        """Number of these motions for the present tangent."""
         return len(self._motions)
 
     def forget(self) -> None:
-        """There is no tangent, or one for a direct solver."""
+        """Remove the motions: there is no tangent, or a tangent for a direct solver."""
         self._motions = np.zeros((0, 0))
 
     def find(self, free: Array | None = None) -> None:
-        """Find them for the tangent that has been assembled. Collective.
+        """Find the motions for the tangent that has been assembled. Collective.
 
         Args:
-            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them; by
-                default those for which something was added last.
+            free: Motions that active constraints do not resist, from ``Hold.free_motions``; by
+                default the motions that were regularised last.
         """
         self.forget()
         system = self._system
@@ -77,7 +77,7 @@ class SoftMotions:
         system, parts = self._system, []
         for i, (body, scale) in enumerate(zip(system.bodies, system.scales, strict=True)):
             part = rigid.displacement(coefficients, i) / scale
-            part[body.owned_constrained] = 0.0  # but for rounding they are
+            part[body.owned_constrained] = 0.0  # they are zero up to rounding
             parts.append(part)
         return np.concatenate(parts)
 
@@ -98,7 +98,7 @@ class SoftMotions:
         x.array[:] += self.change(b.array_r - self.product(x.array_r))
 
     def change(self, residual: Array) -> Array:
-        """What a solution that leaves this residual lacks of the motions, owned values.
+        """Correction along the motions for a solution with this residual, owned values.
 
         Collective.
         """

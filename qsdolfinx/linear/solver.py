@@ -1,4 +1,4 @@
-"""The linear solver of a problem: a preset, and what has to follow the tangent."""
+"""Linear solver of a problem: a preset, and its updates when the tangent changes."""
 
 from __future__ import annotations
 
@@ -34,16 +34,19 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Iterations around a solver of the condensed tangent, which are hardly more than one.
+#: Most outer iterations around a solver of the condensed tangent; usually hardly more than one is
+#: needed.
 FEW = 5
 
-#: Relative tolerance of that solver where others depend on it.
+#: Relative tolerance of that solver as an inner solver.
 INNER = 1e-2
 
-#: Unknowns in 2D and 3D up to which a direct solver may take over: more cost too much memory.
+#: Number of unknowns in 2D and 3D up to which a direct solver may be the fallback: more unknowns
+#: need too much memory.
 LARGEST = {2: 2_000_000, 3: 200_000}
 
-#: Failures in a row that count: a direct solver then stays for 2^this pairings.
+#: Largest number of successive failures that count: a direct solver is then used for 2^this updates
+#: of the contact pairs.
 MAX_FAILURES = 6
 
 
@@ -53,7 +56,7 @@ def preset_options(
     """PETSc options of a preset.
 
     Args:
-        name: Of the preset; others have no options.
+        name: Name of the preset; other names have no options.
         num_bodies: Number of bodies.
         chosen: Names of the options that the user has chosen, without the prefix.
     """
@@ -70,14 +73,15 @@ def preset_options(
 
 @dataclasses.dataclass
 class GivenUp:
-    """How long a direct solver stands in for one that has failed.
+    """Duration of the fallback to a direct solver after a failure.
 
-    Until contact pairs anew, after another failure then for twice as many pairings.
+    It lasts until the next update of the contact pairs; after another failure, for twice as many
+    updates.
 
     Attributes:
-        is_now: Whether it does.
-        failures: Failures that have not been followed by a success.
-        pairings: Pairings for which it still will.
+        is_now: Whether the fallback is in use.
+        failures: Number of failures since the last success. pairings: Remaining updates of the
+            contact pairs with the fallback.
     """
 
     is_now: bool = False
@@ -85,12 +89,12 @@ class GivenUp:
     pairings: int = 0
 
     def begin(self) -> None:
-        """There was a failure."""
+        """Start the fallback after a failure."""
         self.is_now, self.pairings = True, 2**self.failures - 1
         self.failures = min(self.failures + 1, MAX_FAILURES)
 
     def pair(self) -> None:
-        """Contact has paired."""
+        """Count an update of the contact pairs."""
         if not self.is_now:
             self.failures = 0
         elif self.pairings == 0:
@@ -100,7 +104,7 @@ class GivenUp:
 
 
 class LinearSolver:
-    """Solves with the tangent of a system.
+    """Solve linear systems with the tangent of a system.
 
     Args:
         ksp: PETSc's solver, with its options set.
@@ -139,12 +143,12 @@ class LinearSolver:
             self.schur = Schur(ksp, system.bodies, pressure_preconditioner)
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
         self._is_named = self.krylov is None or "ksp_type" in chosen
-        #: Whether the Krylov solver is one for the condensed tangent: options name it, or there is
-        #: nothing else to solve for.
+        #: Whether the Krylov solver is for the condensed tangent: options set it, or there are no
+        #: other unknowns.
         self.is_inner = self._is_named
         #: Iterations of that solver in the last linear solve.
         self.inner_iterations = 0
-        #: Direct solves in its place.
+        #: Fallback to direct solves.
         self.given_up = GivenUp()
         self._stop = Stop(ksp, system.comm)
         #: Motions that the tangent hardly resists.
@@ -158,10 +162,10 @@ class LinearSolver:
         return self._system
 
     def choose_inner(self, is_condensed: bool) -> None:
-        """Take conjugate gradients for a symmetric tangent that is condensed exactly.
+        """Choose conjugate gradients for a symmetric tangent that is condensed exactly.
 
         Args:
-            is_condensed: Whether it is.
+            is_condensed: Whether the tangent is condensed exactly.
         """
         if self._is_named or self.krylov is None or self.schur is not None:
             return
@@ -170,10 +174,10 @@ class LinearSolver:
             self.krylov.choose_type(True)
 
     def loosen_inner(self, tolerance: float) -> int:
-        """Let inner solves be inexact: iterations around them at most.
+        """Allow inexact inner solves; returns the most outer iterations.
 
         Args:
-            tolerance: Of those.
+            tolerance: Relative tolerance of the outer iterations.
         """
         if not self._is_named:
             self.ksp.setTolerances(rtol=max(tolerance, INNER))
@@ -181,27 +185,27 @@ class LinearSolver:
 
     @property
     def watch(self) -> Stopwatch:
-        """Counts the time of the stage "solve"."""
+        """Stopwatch of the stage "solve"."""
         return self._system.watch
 
     @property
     def is_direct(self) -> bool:
-        """Whether a linear solve is one with factors, whatever the condition of the matrix."""
+        """Whether linear solves use factors, whatever the condition of the matrix."""
         return str(self.ksp.getType()) == PETSc.KSP.Type.PREONLY
 
     @property
     def has_factors(self) -> bool:
-        """Whether a linear solve is one with LU factors, which any matrix has."""
+        """Whether linear solves use LU factors, which any matrix has."""
         return self.is_direct and self.ksp.getPC().getType() == PETSc.PC.Type.LU
 
     @property
     def may_be_factored(self) -> bool:
-        """Whether the problem is of a size for a direct solver."""
+        """Whether the problem is small enough for a direct solver."""
         dim = self._system.bodies[0].V.mesh.geometry.dim
         return bool(self._system.x.getSize() <= LARGEST[dim])
 
     def forget(self) -> None:
-        """Free what was made for the matrices, which are about to be freed. Collective."""
+        """Free everything created for the matrices, which are about to be freed. Collective."""
         self.given_up.pair()
         self._forget_multigrid()
 
@@ -213,7 +217,7 @@ class LinearSolver:
             self.schur.forget()
 
     def set_up(self) -> None:
-        """Hand new matrices' parts to the preconditioner, if it asks for them. Collective."""
+        """Pass parts of new matrices to the preconditioner, if it needs them. Collective."""
         pc, tangent = self.ksp.getPC(), self._system.made.tangent
         if self.schur is not None:
             assert isinstance(tangent, Additive)
@@ -222,24 +226,24 @@ class LinearSolver:
             self._split(pc)
 
     def _split(self, pc: PETSc.PC) -> None:
-        """Let fields be the bodies."""
+        """Set the bodies as the fields of PCFIELDSPLIT."""
         blocks = self._system.made.blocks
         assert blocks is not None  # PCFIELDSPLIT is not for sums
-        # A reset takes the options from the splits: start from scratch.
+        # A reset removes the options from the splits: create the preconditioner again.
         pc.setType(PETSc.PC.Type.NONE)
         pc.setFromOptions()
         index_sets = blocks.matrix.getNestISs()[0]
         pc.setFieldSplitIS(*((str(i), index_set) for i, index_set in enumerate(index_sets)))
 
     def assemble(self) -> bool:
-        """Tangent at the last evaluation, and multigrid for it; whether it has changed."""
+        """Assemble the tangent at the last evaluation, update multigrid; whether it has changed."""
         changed = self._system.assemble()
         if changed:
             self.follow()
         return changed
 
     def _forget_pattern(self) -> None:
-        """Make multigrid anew, but for the bodies' spaces, if contact's pattern has changed."""
+        """Rebuild multigrid, except the bodies' spaces, if the pattern of contact has changed."""
         tangent = self._system.made.tangent
         if not isinstance(tangent, Additive):
             return
@@ -249,7 +253,7 @@ class LinearSolver:
             tangent.has_other_pattern = False
 
     def follow(self) -> None:
-        """Let multigrid follow a tangent that has changed. Collective."""
+        """Update multigrid for a tangent that has changed. Collective."""
         system = self._system
         with self.watch.stage("solve"):
             self._forget_pattern()
@@ -266,7 +270,7 @@ class LinearSolver:
                 self._hierarchy.update(pc, system.made.tangent.sum, modes)
 
     def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
-        """Get ready for the next linear solve of Newton's method. Collective.
+        """Prepare the next linear solve of Newton's method. Collective.
 
         Args:
             norms: Norm of the residual at each iteration so far.
@@ -278,11 +282,11 @@ class LinearSolver:
             self.krylov.set_tolerance(norms, until, changed)
 
     def solve(self, load: Array, tolerance: float = EXACT) -> tuple[Array, int]:
-        """Solve with the tangent as it is, outside of Newton's method. Collective.
+        """Solve with the present tangent, outside Newton's method. Collective.
 
         Args:
             load: Right-hand side, owned values.
-            tolerance: Norm of the residual that may be left, over the load's.
+            tolerance: Norm of the residual over the norm of the load.
 
         Returns:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
@@ -299,7 +303,7 @@ class LinearSolver:
             with self.watch.stage("solve"):
                 self.ksp.solve(b, y)
         except PETSc.Error as error:
-            if error.ierr != OF_A_LIBRARY:  # such as factors that a direct solver cannot make
+            if error.ierr != OF_A_LIBRARY:  # such as a failed factorisation
                 raise
             self.look()
             begin_afresh(self.ksp)
@@ -311,23 +315,24 @@ class LinearSolver:
         return out, self.ksp.getConvergedReason() if reason is None else reason
 
     def look(self) -> None:
-        """Raise if there was Ctrl-C, which ends linear solves early. Collective.
+        """Raise an error after Ctrl-C, which ends linear solves early. Collective.
 
         Raises:
             KeyboardInterrupt: On all ranks.
         """
         self._stop.look(self.ksp)
 
-    # --- Newton's method on bodies and multipliers at once
+    # --- Newton's method for bodies and multipliers together
 
     def give_up(self, reason: str) -> bool:
-        """Let a direct solver stand in, until contact pairs anew or longer. Collective.
+        """Use a direct solver as a fallback, at least until the next contact pairs. Collective.
 
         Args:
-            reason: What is said.
+            reason: Reason for the log.
 
         Returns:
-            Whether it does; not if the problem is too large, or options name the solver.
+            Whether the fallback is used; it is not if the problem is too large, or options set the
+            solver.
         """
         if not (self._may_be_rescued and self.may_be_factored):
             return False
@@ -338,13 +343,13 @@ class LinearSolver:
     def tolerance(
         self, norms: typing.Sequence[float], until: float, changed: bool, exact: bool
     ) -> tuple[float, int]:
-        """Relative tolerance of the next linear solve, and its iterations at most.
+        """Relative tolerance of the next linear solve, and its largest number of iterations.
 
         Args:
             norms: Norms of the right-hand sides of the solve so far.
-            until: Norm with which Newton's method ends.
-            changed: Whether the matrix is another than that of the last linear solve.
-            exact: Whether it is to be :data:`EXACT`, whatever Newton's method needs.
+            until: Norm at which Newton's method ends.
+            changed: Whether the matrix differs from that of the last linear solve.
+            exact: Whether the tolerance is :data:`EXACT`, whatever Newton's method needs.
         """
         if self._is_named or self.krylov is None:
             return EXACT, GMRES_RESTART
@@ -356,14 +361,14 @@ class LinearSolver:
         return float(tolerance), FEW if self.is_inner else int(longest)
 
     def copy_monitors(self, ksp: PETSc.KSP) -> None:
-        """Let another solver call the user's monitors."""
+        """Copy the user's monitors to another solver."""
         own = self._stop.monitor
         for function, args, options in self.ksp.getMonitor() or ():
             if function != own:
                 ksp.setMonitor(function, args, options)
 
     def apply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Write to y nearly what solves with the condensed tangent for x. Collective."""
+        """Write the approximate solution with the condensed tangent for x to y. Collective."""
         if self.is_inner:
             self.ksp.solve(x, y)
             self.inner_iterations += self.ksp.getIterationNumber()
@@ -372,15 +377,15 @@ class LinearSolver:
             self.ksp.getPC().apply(x, y)
 
     def note_pace(self, pace: float) -> None:
-        """Tell multigrid how many iterations a digit has taken."""
+        """Pass the number of iterations per digit to multigrid."""
         if self._hierarchy is not None:
             self._hierarchy.pace = pace
 
     def precondition(self, free: Array) -> None:
-        """Let multigrid follow the sum as it is now. Collective.
+        """Update multigrid for the present sum. Collective.
 
         Args:
-            free: Motions that closed contacts do not resist, as ``Hold.free_motions`` has them.
+            free: Motions that active constraints do not resist, from ``Hold.free_motions``.
         """
         system, pc = self._system, self.ksp.getPC()
         assert isinstance(system.made.tangent, Additive)
@@ -395,7 +400,7 @@ class LinearSolver:
             self.ksp.setUp()
 
     def precondition_formed(self, matrix: PETSc.Mat) -> None:
-        """Let the preconditioner follow this matrix. Collective."""
+        """Update the preconditioner for this matrix. Collective."""
         with self.watch.stage("solve"):
             self.soft.forget()
             pc = self.ksp.getPC()

@@ -1,4 +1,4 @@
-"""Long linear solves end early after Ctrl-C."""
+"""End long linear solves early after Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from petsc4py import PETSc
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.passing import passing
 
-#: Iterations after which ranks tell each other.
+#: Number of iterations after which the ranks communicate.
 EVERY = 5
 
 
 class Stop:
-    """Ends a Krylov solver by its limit of iterations, so that PETSc leaves all of it whole.
+    """End a Krylov solver by its iteration limit, which leaves PETSc in a valid state.
 
-    It must not refer to the solver: PETSc keeps it where Python's garbage collector does not look.
+    This object must not refer to the solver: PETSc keeps it where Python's garbage collector does
+    not see it.
 
     Args:
         ksp: The solver.
-        comm: Its communicator, MPI's own.
+        comm: MPI communicator of the solver.
     """
 
     def __init__(self, ksp: PETSc.KSP, comm: MPI.Intracomm) -> None:
@@ -29,13 +30,13 @@ class Stop:
 
     @passing()
     def monitor(self, ksp: PETSc.KSP, iteration: int, norm: float) -> None:
-        """Look whether to end: what PETSc calls at each iteration. Collective."""
+        """Monitor that PETSc calls at each iteration: check whether to end. Collective."""
         if self._limit is None and iteration % EVERY == 0 and interrupt.requested(self._comm):
             self._limit = ksp.getTolerances()[3]
             ksp.setTolerances(max_it=max(iteration, 1))
 
     def look(self, ksp: PETSc.KSP) -> None:
-        """Raise after a solve that was to end, or that ended as Ctrl-C came. Collective.
+        """Raise an error after a solve that was interrupted by Ctrl-C. Collective.
 
         Args:
             ksp: The solver.

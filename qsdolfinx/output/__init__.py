@@ -1,1 +1,1 @@
-"""Fields and histories in files."""
+"""Write fields and histories to files."""

@@ -20,7 +20,8 @@ from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_point
 from qsdolfinx.output import vtkhdf
 from qsdolfinx.surface.unknowns import is_lagrange
 
-#: A function, anything of UFL that can be evaluated in the cells, or what returns a new function.
+#: A function, a UFL expression that can be evaluated in the cells, or a callable that returns a new
+#: function.
 Field = typing.Any
 
 
@@ -108,7 +109,7 @@ class FieldWriter:
         fields: typing.Mapping[str, Field],
         continuous: typing.Mapping[str, Field],
     ) -> None:
-        """Make the functions that are written of fields on a mesh. Collective."""
+        """Create the functions that are written, from the fields on a mesh. Collective."""
         self._msh = msh
         self._x0: npt.NDArray[np.float64] = np.array(msh.geometry.x, dtype=np.float64)
         self._degree = coordinate_element(msh).degree
@@ -160,7 +161,7 @@ class FieldWriter:
         written.append((fem.Function(space, name=name), field))
 
     def _made(self, source: typing.Callable[[], Field]) -> Field:
-        """What a source returns; what it raises on one rank is raised on all."""
+        """Result of a source; an exception on one rank is raised on all ranks."""
         with collective_errors(self._msh.comm):
             return source()
 
@@ -201,9 +202,9 @@ class FieldWriter:
                 raise OSError(f"filename: {self._path} cannot be written: {error}") from error
 
     def _abandon(self) -> None:
-        """Give up a file that could not be written.
+        """Abandon a file that could not be written.
 
-        Closing or freeing it would end the program: DOLFINx has left parts of it open.
+        Closing or freeing it would abort the program, because DOLFINx has left parts of it open.
         """
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._xdmf))
         self._xdmf, self._vtk, self._vtx = None, None, []
@@ -223,7 +224,7 @@ class FieldWriter:
 
 
 def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
-    """Refuse files of formats that are unknown, or that this DOLFINx cannot write the mesh in."""
+    """Raise an error for unknown formats, or formats in which DOLFINx cannot write the mesh."""
     known = path.suffix in (".xdmf", ".pvd", ".bp", ".vtkhdf")
     require(known, f"filename: must end in .xdmf, .pvd, .bp or .vtkhdf, not {path.name!r}")
     if path.suffix == ".vtkhdf":
@@ -235,7 +236,7 @@ def _check_suffix(path: pathlib.Path, msh: mesh.Mesh) -> None:
 
 
 def _check_fields(argument: str, fields: typing.Mapping[str, Field], msh: mesh.Mesh) -> None:
-    """Refuse what is no field, or a Function on another mesh."""
+    """Raise an error for an argument that is not a field, or a Function on another mesh."""
     for name, field in fields.items():
         text = f"{argument}: {name!r} must be a Function, of UFL, or return a Function"
         require(callable(field) or hasattr(field, "ufl_shape"), text, TypeError)
@@ -244,12 +245,12 @@ def _check_fields(argument: str, fields: typing.Mapping[str, Field], msh: mesh.M
 
 
 def _is_source(field: Field) -> bool:
-    """Whether it is to be called for the function; those of UFL can be called, too."""
+    """Whether the field must be called to get the function; UFL expressions are callable, too."""
     return callable(field) and not isinstance(field, fem.Expression | fem.Function | Expr)
 
 
 def _is_continuous(field: Field) -> bool:
-    """Whether it is a function of a space in H¹, such as Lagrange of any degree."""
+    """Whether the field is a function of a space in H¹, such as Lagrange of any degree."""
     return isinstance(field, fem.Function) and field.function_space.ufl_element() in ufl.H1
 
 

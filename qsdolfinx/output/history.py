@@ -1,4 +1,4 @@
-"""The history of a run as a table."""
+"""Write the history of a run as a table."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class History:
     def _write(
         self, path: pathlib.Path, columns: list[str], row: typing.Mapping[str, float]
     ) -> None:
-        """Write a line; the first one after the lines before it, if they are to be kept."""
+        """Write a line; the first one is appended to earlier lines if these are kept."""
         lines: list[typing.Mapping[str, typing.Any]] = [{k: _exact(v) for k, v in row.items()}]
         if not self.rows:
             if self._append and path.exists():
@@ -105,7 +105,7 @@ class History:
 
 
 def _is_number(value: typing.Any) -> bool:
-    """Whether it is one of Python's or NumPy's; a table may have NaN where something is unknown."""
+    """Whether a value is a Python or NumPy number; NaN is allowed for unknown values."""
     return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "biuf"
 
 
@@ -123,7 +123,7 @@ def _append(
     lines: list[typing.Mapping[str, typing.Any]],
     mode: str = "a",
 ) -> None:
-    """Add lines to a file, whole ones or none."""
+    """Append complete lines to a file; after an error, none."""
     size = path.stat().st_size if mode == "a" and path.exists() else 0
     try:
         with path.open(mode, newline="") as file:
@@ -135,7 +135,7 @@ def _append(
 
 
 def _earlier(path: pathlib.Path, columns: list[str], t: float) -> list[dict[str, typing.Any]]:
-    """Lines of a file before a time: a run may have gone on after the checkpoint."""
+    """Lines of a file before a time: a run may have continued after the checkpoint."""
     with path.open(newline="") as file:
         table = csv.DictReader(file)
         if table.fieldnames is not None and list(table.fieldnames) != columns:

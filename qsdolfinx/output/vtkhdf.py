@@ -1,4 +1,4 @@
-"""VTK-HDF files, with DOLFINx 0.10 or later."""
+"""Write VTK-HDF files, with DOLFINx 0.10 or later."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if not all(hasattr(module, name) for name in ("write_mesh", "write_point_data", 
 
 
 class VTKHDFWriter:
-    """Writes one field at several times, on the mesh as it was at first. Collective.
+    """Write one field at several times, on the initial mesh. Collective.
 
-    DOLFINx gives every field of a file the same name: each has a file of its own.
+    DOLFINx gives every field of a file the same name, so each field has its own file.
 
     Args:
-        filename: Ends in ``.vtkhdf``.
-        function: Continuous of degree 1, or constant in cells.
+        filename: File name that ends in ``.vtkhdf``. function: Function, continuous of degree 1 or
+            constant in cells.
     """
 
     def __init__(self, filename: pathlib.Path, function: fem.Function) -> None:
@@ -49,4 +49,4 @@ class VTKHDFWriter:
         put(self._filename, msh, data.ravel(), t)
 
     def close(self) -> None:
-        """Nothing is left open between the times."""
+        """Do nothing: no file is open between the times."""

@@ -1,1 +1,1 @@
-"""New meshes for bodies that have deformed, and what is carried over to them."""
+"""Remeshing of deformed bodies, and transfer of fields and history variables."""

@@ -1,4 +1,4 @@
-"""Values in cells and quadrature points, projected within their bounds."""
+"""Project values in cells and quadrature points, and keep them within their bounds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Interpolate = typing.Callable[[fem.Function, fem.Function], None]
 #: Degree of the rule by which new cells sample old ones.
 SAMPLES = 5
 
-#: Relative change of an integral that is rounding.
+#: Relative change of an integral that counts as rounding error.
 EXACT = 1e-13
 
 
@@ -49,7 +49,7 @@ def project(
         function: On the old mesh.
         out: On the new mesh.
         interpolate: Interpolates a function on the old mesh into one on the new mesh.
-        axisymmetric: Whether coordinates are (r, z), and integrals those over rings.
+        axisymmetric: Whether coordinates are (r, z), and integrals are over rings.
     """
     V, V_new = function.function_space, out.function_space
     shape, bs = function.ufl_shape, V.dofmap.index_map_bs
@@ -91,7 +91,7 @@ def _cell(msh: mesh.Mesh) -> basix.CellType:
 
 
 def _weights(V: fem.FunctionSpace, axisymmetric: bool) -> Array:
-    """Volumes that the points of each cell stand for, shape (cells, points).
+    """Volumes represented by the points of each cell, shape (cells, points).
 
     Axisymmetric: times the radius, over 2π. Cells are simplices.
     """
@@ -102,14 +102,14 @@ def _weights(V: fem.FunctionSpace, axisymmetric: bool) -> Array:
     out = jacobian[:, None] * weights[None]
     if not axisymmetric:
         return np.asarray(out)
-    if len(points) == 1:  # of DG0: ∫ r over the cell, exact with the radius of the middle
+    if len(points) == 1:  # DG0: ∫ r over the cell, exact with the radius of the middle
         return np.asarray(out * x[:, :, 0].mean(axis=1)[:, None])
     barycentric = np.column_stack([1 - points.sum(axis=1), points])
     return np.asarray(out * (x[:, :, 0] @ barycentric.T))
 
 
 def _sample_space(V: fem.FunctionSpace, shape: tuple[int, ...]) -> fem.FunctionSpace:
-    """Quadrature points in which new cells look at the old ones: their own, if they have some."""
+    """Quadrature points at which new cells sample the old ones: their own, if they have any."""
     if _is_of_quadrature(V):
         return V
     element = basix.ufl.quadrature_element(V.mesh.basix_cell(), value_shape=shape, degree=SAMPLES)
@@ -123,7 +123,7 @@ def _sampled(V: fem.FunctionSpace, interpolate: Interpolate, function: fem.Funct
 
 
 def _linear(function: fem.Function) -> fem.Function:
-    """What is linear in each cell and closest to its values: those of DG0 themselves."""
+    """Best linear fit of the values in each cell; DG0 values are unchanged."""
     V = function.function_space
     points, weights = _rule(V)
     tdim = V.mesh.topology.dim
@@ -138,7 +138,7 @@ def _linear(function: fem.Function) -> fem.Function:
 
 
 def _bounds(function: fem.Function) -> tuple[fem.Function, fem.Function]:
-    """Least and largest values of each cell and of those around it. Collective."""
+    """Smallest and largest values of each cell and its neighbours. Collective."""
     V, values = function.function_space, _values(function)
     vertices = fem.functionspace(V.mesh, ("Lagrange", 1)).dofmap
     largest = _largest_around(vertices, values.max(axis=1))
@@ -147,7 +147,7 @@ def _bounds(function: fem.Function) -> tuple[fem.Function, fem.Function]:
 
 
 def _largest_around(vertices: fem.DofMap, of_cells: Array) -> Array:
-    """Largest values of each cell and of those around it, shape (cells, components). Collective."""
+    """Largest values of each cell and its neighbours, shape (cells, components). Collective."""
     index_map, cells = vertices.index_map, vertices.list
     owned, every = index_map.size_local, index_map.size_local + index_map.num_ghosts
     vec = PETSc.Vec().createGhost(
@@ -168,7 +168,7 @@ def _largest_around(vertices: fem.DofMap, of_cells: Array) -> Array:
 
 
 def _piecewise(V: fem.FunctionSpace, degree: int, values: Array) -> fem.Function:
-    """Function of a degree in each cell, given its values at the nodes of each."""
+    """Function of a given degree in each cell, from its values at the nodes of the cells."""
     element = basix.ufl.element(
         "Lagrange", V.mesh.basix_cell(), degree, shape=V.value_shape, discontinuous=True
     )
@@ -188,7 +188,7 @@ def _integral(msh: mesh.Mesh, values: Array, weights: Array) -> Array:
 def _with_integral(
     msh: mesh.Mesh, values: Array, low: Array, high: Array, weights: Array, goal: Array
 ) -> Array:
-    """Values that go towards one of their bounds, all by the same part of the way. Collective."""
+    """Move all values towards a bound by the same fraction, to reach an integral. Collective."""
     scale = _integral(msh, np.maximum(np.abs(low), np.abs(high)), weights)
     for _ in range(3):  # rounding
         missing = goal - _integral(msh, values, weights)

@@ -1,4 +1,4 @@
-"""What a contact remembers, handed over to one on other meshes."""
+"""Transfer the history variables of a contact to a contact on other meshes."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from qsdolfinx.remeshing.surface_values import SurfaceValues
 
 Array = npt.NDArray[np.float64]
 
-#: Factor at most by which multipliers are corrected where a surface is covered in part.
+#: Largest factor by which multipliers are corrected where a surface is covered in part.
 LARGEST = 1.5
 
 
 @dataclasses.dataclass(frozen=True)
 class ContactValues:
-    """What a contact keeps from step to step, at the nodes of its surfaces.
+    """History variables of a contact, at the nodes of its surfaces.
 
     Attributes:
-        of_nodes: What nodes remember, by name.
-        of_contact: What the contact remembers as a whole, by name.
-        totals: ∫ λ̂ of each pass: force on its slave, signs apart, (columns,).
+        of_nodes: History variables of nodes, by name.
+        of_contact: History variables of the contact as a whole, by name.
+        totals: ∫ λ̂ of each integration side: force on its slave, up to the sign, (columns,).
     """
 
     of_nodes: dict[str, SurfaceValues]
@@ -37,7 +37,7 @@ class ContactValues:
 
     @classmethod
     def of(cls, model: ContactModel) -> ContactValues:
-        """Read a contact where its surfaces were read last. Collective."""
+        """Read the values of a contact where its surfaces were read last. Collective."""
         return cls(
             {q.name: SurfaceValues.of(q.slave, q.read()) for q in memory.of_nodes(model)},
             {q.name: q.read() for q in memory.of_contact(model) if not q.of_mesh},
@@ -45,7 +45,7 @@ class ContactValues:
         )
 
     def hand_over(self, model: ContactModel) -> None:
-        """Write all into a contact of the same kind on other meshes. Collective."""
+        """Write all values to a contact of the same kind on other meshes. Collective."""
         quantities = memory.of_nodes(model)
         found = {q.name: q.fit(self.of_nodes[q.name].on(q.slave)) for q in quantities}
         memory.write(quantities, found)
@@ -56,13 +56,13 @@ class ContactValues:
 
 
 def integral(gap: WeightedGap) -> Array:
-    """∫ λ̂ of a pass, shape (columns,). Collective."""
+    """∫ λ̂ of an integration side, shape (columns,). Collective."""
     local = np.sum(gap.multiplier_weight * gap.state.augmented, axis=0)
     return np.asarray(gap.slave.comm.allreduce(local, op=MPI.SUM))
 
 
 def _correct(part: WeightedGap, total: Array) -> None:
-    """Let the multipliers of a part have this integral, where a factor can do that. Collective."""
+    """Scale the multipliers of a part to this integral, if the factor is moderate. Collective."""
     now = integral(part)
     small = 1e-12 * np.abs(total).max(initial=0.0)
     known = np.abs(now) > small

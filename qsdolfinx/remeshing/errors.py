@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 class RemeshError(RuntimeError):
-    """No valid mesh can be made; the body is as it was.
+    """No valid mesh can be created; the body is unchanged.
 
     Attributes:
         where: Coordinates of the places that cause the error, shape (places, 3); empty if unknown.
@@ -36,10 +36,10 @@ T = typing.TypeVar("T")
 
 
 def on_root(comm: MPI.Intracomm, make: typing.Callable[[], T]) -> T | None:
-    """What rank 0 makes, None on the others; what it raises is raised on all. Collective.
+    """Call a function on rank 0; None on others; its error is raised on all ranks. Collective.
 
     Raises:
-        RemeshError: If ``make`` raises one, or anything else on rank 0.
+        RemeshError: If ``make`` raises this or any other error on rank 0.
     """
     made: T | None = None
     failed: tuple[str, Array] | None = None

@@ -1,4 +1,4 @@
-"""What a new boundary has to keep of a surface of triangles: regions, lines, corners, planes."""
+"""Find the features of a triangulated surface to be kept: regions, lines, corners, planes."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Edge = tuple[int, int]
 
-#: Part of a region's size by which its nodes may be off a plane.
+#: Largest distance of a plane region's nodes from the plane, over the region's size.
 FLAT = 1e-7
 
-#: Part of a plane's extent to which its level is rounded if it is across an axis: what is 0 or
-#: another round number but for rounding is that number (test_a_mesh_that_stays_is_the_same_mesh).
+#: Part of a plane's extent to which its level is rounded if the plane is normal to an axis: a level
+#: that is 0 or another round number up to rounding errors becomes this number
+#: (test_a_mesh_that_stays_is_the_same_mesh).
 ROUNDING = 1e-14
 
-#: Differences of angles (radians), and of lengths over those that they are compared with, that are
-#: none: errors of solvers do not choose corners of a body that turns by just the angle asked for
+#: Differences of angles (radians), and relative differences of lengths, that count as zero. Solver
+#: errors then do not decide about corners whose angle is exactly the requested one
 #: (test_angles_that_are_just_those_asked_for).
 SAME = 1e-6
 
-#: Component of a unit normal that is none but for rounding: the plane is across an axis.
+#: Component of a unit normal that counts as rounding error: the plane is normal to an axis.
 ALIGNED = 1e-6
 
 #: Lines of sharp edges that end within a region and are shorter than this, in sizes of cells there,
@@ -36,7 +37,7 @@ ALIGNED = 1e-6
 SHORT = 2.0
 
 
-#: Triangles that are on a plane by chance.
+#: Number of triangles that may lie on a plane by chance.
 FEW = 8
 
 
@@ -49,13 +50,13 @@ class Plane(typing.NamedTuple):
 
 @dataclasses.dataclass
 class Features:
-    """What is kept of a closed surface of triangles.
+    """Features of a closed triangulated surface that are kept.
 
     Attributes:
         region: Number of the region of each triangle, shape (triangles,). Lines surround regions.
-        lines: Number of the line of each edge that is kept, by its nodes, the smaller first.
-        corners: Nodes that stay.
-        planes: Of regions that are plane, by their numbers.
+        lines: Number of the line of each kept edge, by the nodes of the edge, the smaller first.
+        corners: Nodes that are kept.
+        planes: Planes of plane regions, by region number.
     """
 
     region: Indices
@@ -71,10 +72,10 @@ def find_features(
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
-        triangles: Outward, shape (triangles, 3).
-        tags: Their tags; the line between two is kept. Shape (triangles,).
-        sizes: Of cells at the nodes (length), shape (nodes,).
-        angle: Between the normals of neighbours (radians) from which on their edge is kept.
+        triangles: Outward triangles, shape (triangles, 3).
+        tags: Tags of the triangles; lines between different tags are kept. Shape (triangles,).
+        sizes: Cell sizes at the nodes (length), shape (nodes,).
+        angle: Angle between the normals of neighbours (radians) from which their edge is kept.
 
     Raises:
         RemeshError: If the surface is not closed, or touches itself at an edge or node.
@@ -111,7 +112,7 @@ def edges_of(x: Array, triangles: Indices) -> tuple[Indices, Indices, Indices]:
 
 
 def _without_noise(x: Array, edges: Indices, border: npt.NDArray[np.bool_], sizes: Array) -> Array:
-    """Which edges to keep: not those of short lines that end within a region."""
+    """Flags of the edges to keep: short lines that end within a region are dropped."""
     keep = np.ones(len(edges), dtype=bool)
     while True:
         at: dict[int, list[int]] = collections.defaultdict(list)
@@ -139,7 +140,7 @@ def _without_noise(x: Array, edges: Indices, border: npt.NDArray[np.bool_], size
 
 
 def _regions(count: int, first: Indices, second: Indices) -> Indices:
-    """Number of the connected part of each triangle, given pairs of neighbours."""
+    """Number of the connected region of each triangle, given pairs of neighbours."""
     label = np.arange(count)
     while True:
         low = np.minimum(label[first], label[second])
@@ -153,7 +154,7 @@ def _regions(count: int, first: Indices, second: Indices) -> Indices:
 
 
 def _lines(x: Array, edges: Indices, angle: float) -> tuple[dict[Edge, int], set[int]]:
-    """Lines that edges make, numbered, and the corners where they end or turn."""
+    """Join edges to numbered lines, and find the corners where lines end or turn."""
     at: dict[int, list[int]] = collections.defaultdict(list)
     for a, b in listed(edges):
         at[a].append(b)
@@ -188,7 +189,7 @@ def _edge(a: int, b: int) -> Edge:
 
 
 def _planes(x: Array, triangles: Indices, region: Indices) -> dict[int, Plane]:
-    """Planes of regions; those of regions on one plane are one."""
+    """Planes of regions; regions on the same plane share one object."""
     planes: dict[int, Plane] = {}
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
     for number in range(int(region.max(initial=-1)) + 1):
@@ -201,18 +202,18 @@ def _planes(x: Array, triangles: Indices, region: Indices) -> dict[int, Plane]:
 
 
 def _are_one(first: Plane, second: Plane, at: Array, size: float) -> bool:
-    """Whether two planes are the same near a point of the second, of a body of some size."""
+    """Whether two planes coincide near a point of the second, relative to the body's size."""
     apart = abs(first.level - first.normal @ at)
     return bool(np.linalg.norm(first.normal - second.normal) < SAME and apart < FLAT * size)
 
 
 def planes_of_copy(features: Features, x: Array, triangles: Indices) -> dict[int, Plane]:
-    """The planes that regions which are plane have where a copy of the surface is nearly plane.
+    """Planes of the plane regions in a copy of the surface, which is nearly plane there.
 
     Args:
-        features: Of the surface.
+        features: Features of the surface.
         x: Coordinates of the copy's nodes, shape (nodes, 3).
-        triangles: Of surface and copy, shape (triangles, 3).
+        triangles: Triangles of surface and copy, shape (triangles, 3).
     """
     regions_of: dict[int, list[int]] = {}
     for number, plane in features.planes.items():
@@ -235,11 +236,11 @@ def _area_vector(x: Array, triangles: Indices) -> Array:
 
 
 def plane_of(points: Array, normal: Array) -> Plane | None:
-    """The plane that points are on, None if there is none.
+    """Plane through all points, None if there is none.
 
     Args:
         points: Shape (points, 3).
-        normal: Across it, if there is one.
+        normal: Normal of the plane, if there is one.
     """
     size = float(np.linalg.norm(normal))
     if size == 0:

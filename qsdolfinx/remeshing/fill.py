@@ -1,4 +1,4 @@
-"""Cells within a new boundary, by gmsh."""
+"""Fill a new boundary with cells, by gmsh."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
 #: gmsh's numbers of lines, triangles and tetrahedra.
 LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
 
-#: Shape of tetrahedra, in gmsh's measure, up to which it tries to better them.
+#: Quality of tetrahedra, in gmsh's measure, below which gmsh optimises them.
 GOOD = 0.5
 
-#: Shape below which a cell is too flat to be of use.
+#: Quality below which a cell is rejected as too flat.
 LEAST_QUALITY = 0.01
 
 
@@ -33,7 +33,7 @@ class Inside(typing.NamedTuple):
     """Cells within a boundary.
 
     Attributes:
-        x: Nodes, shape (nodes, 3), those of the boundary first.
+        x: Nodes, shape (nodes, 3), boundary nodes first.
         cells: Shape (cells, gdim + 1).
     """
 
@@ -43,11 +43,11 @@ class Inside(typing.NamedTuple):
     def within(
         self, boundary: Boundary, moved: typing.Callable[[Array], Array]
     ) -> tuple[Array, Indices]:
-        """Nodes and cells in the body that the one with these nodes is a copy of.
+        """Nodes and cells in the body, mapped from its copy with these nodes.
 
         Args:
-            boundary: Of the body.
-            moved: From places in the copy, shape (nodes, 3), to those in the body.
+            boundary: Boundary of the body.
+            moved: Map from places in the copy, shape (nodes, 3), to places in the body.
 
         Raises:
             RemeshError: If cells become flat, or are turned inside out.
@@ -63,20 +63,20 @@ class Inside(typing.NamedTuple):
 
 
 def signed_sizes(x: Array, cells: Indices) -> Array:
-    """Volumes (2D: areas) of simplices times 6 (2), negative of those of the other orientation."""
+    """Signed volumes (2D: areas) of simplices times 6 (2); the sign is that of the orientation."""
     corners = x[cells][..., : cells.shape[1] - 1]
     return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]))
 
 
 def fill(boundary: Boundary, outline: Outline) -> Inside:
-    """Nodes and cells within a boundary, whose nodes are the first ones and stay.
+    """Create nodes and cells within a boundary; boundary nodes come first and are not moved.
 
     Args:
         boundary: The boundary.
-        outline: The old body, whose sizes are wanted within, too.
+        outline: The old body, whose cell sizes apply within the boundary, too.
 
     Raises:
-        RemeshError: If gmsh fails, or makes cells that are flat or turned inside out.
+        RemeshError: If gmsh fails, or creates cells that are flat or inverted.
         ImportError: If there is no gmsh.
     """
     gdim = boundary.facets.shape[1]
@@ -94,7 +94,7 @@ def fill(boundary: Boundary, outline: Outline) -> Inside:
 
 @contextlib.contextmanager
 def _gmsh() -> typing.Iterator[typing.Any]:
-    """Gmsh with a new model and options of its own; what a user has open stays."""
+    """Gmsh with a new model and its own options; models of the user are unchanged."""
     try:
         import gmsh
     except ImportError as error:
@@ -164,7 +164,7 @@ def _middle(boundary: Boundary) -> Array:
 
 
 def _set_sizes(gmsh: typing.Any, boundary: Boundary, outline: Outline) -> None:
-    """Let the sizes that are wanted within be those on the old cells and the new boundary."""
+    """Set the cell sizes within the body from the old cells and the new boundary."""
     sizes = outline.sizes
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 1)
@@ -183,7 +183,8 @@ def _set_sizes(gmsh: typing.Any, boundary: Boundary, outline: Outline) -> None:
 
 
 def _draw_triangles(gmsh: typing.Any, boundary: Boundary) -> None:
-    # All of it is one surface, of whatever parts: voids are filled, too, and emptied afterwards.
+    # The boundary is one surface, even if it has several parts: voids are filled, too, and emptied
+    # afterwards.
     surface = gmsh.model.addDiscreteEntity(2)
     numbers = np.arange(1, len(boundary.x) + 1)
     gmsh.model.mesh.addNodes(2, surface, numbers, boundary.x.ravel())
@@ -209,7 +210,7 @@ def _draw_lines(gmsh: typing.Any, boundary: Boundary) -> None:
 
 
 def _in_order(facets: Indices, shell: Indices) -> list[int]:
-    """Facets of a closed line, one after the other."""
+    """Facets of a closed line, in order."""
     by_start = dict(zip(listed(facets[shell, 0]), listed(shell), strict=True))
     loop = [int(shell[0])]
     while (following := by_start[int(facets[loop[-1], 1])]) != loop[0]:
@@ -218,7 +219,7 @@ def _in_order(facets: Indices, shell: Indices) -> list[int]:
 
 
 def _read(gmsh: typing.Any, boundary: Boundary) -> Inside:
-    """Nodes, those of the boundary first, and cells of the model."""
+    """Read the nodes, boundary nodes first, and cells of the model."""
     gdim = boundary.facets.shape[1]
     tags, x, _ = gmsh.model.mesh.getNodes()
     tags, x = np.asarray(tags, dtype=np.int64), np.asarray(x).reshape(-1, 3)
@@ -245,7 +246,7 @@ def _read(gmsh: typing.Any, boundary: Boundary) -> Inside:
 
 
 def cell_quality(x: Array, cells: Indices) -> Array:
-    """Shape of each cell as ``MeshMotion.quality`` has it, of either orientation, (cells,)."""
+    """Quality of each cell as in ``MeshMotion.quality``, for any orientation, (cells,)."""
     corners = x[cells]
     gdim = cells.shape[1] - 1
     edges = (corners[:, 1:] - corners[:, :1])[..., :gdim]
@@ -256,10 +257,10 @@ def cell_quality(x: Array, cells: Indices) -> Array:
 
 
 def check_cells(x: Array, cells: Indices) -> None:
-    """Refuse cells that are flat.
+    """Raise an error for flat cells.
 
     Raises:
-        RemeshError: With the places of the worst.
+        RemeshError: If there are any, with the places of the worst cells.
     """
     quality = cell_quality(x, cells)
     flat = quality < LEAST_QUALITY

@@ -1,4 +1,4 @@
-"""Where a boundary passes through itself."""
+"""Find the places where a boundary intersects itself."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Indices = npt.NDArray[np.int64]
 
 
 def check_simple(x: Array, facets: Indices) -> None:
-    """Refuse a boundary that passes through itself.
+    """Raise an error for a boundary that intersects itself.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
         facets: Shape (facets, gdim).
 
     Raises:
-        RemeshError: With the places.
+        RemeshError: If there are intersections, with their places.
     """
     first, second = _candidates(x, facets)
     crossings = _crossings_3d if facets.shape[1] == 3 else _crossings_2d
@@ -35,7 +35,7 @@ def check_simple(x: Array, facets: Indices) -> None:
 
 
 def _candidates(x: Array, facets: Indices) -> tuple[Indices, Indices]:
-    """Pairs of facets without a common node whose boxes meet."""
+    """Pairs of facets without a common node whose bounding boxes overlap."""
     gdim = facets.shape[1]
     cell = "triangle" if gdim == 3 else "interval"
     element = basix.ufl.element("Lagrange", cell, 1, shape=(gdim,))

@@ -1,4 +1,4 @@
-"""A copy of a body on a lattice: what decides how it is meshed anew."""
+"""Round a copy of a body to a lattice, so that remeshing does not depend on rounding errors."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ from qsdolfinx.remeshing.outline import Outline
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Distance of the lattice's points, over the size of cells wanted at a node and the shortest edge
-#: there, at most: errors of solvers, some 1e-9 of it, seldom take a node to another point
-#: (test_rounding_does_not_decide). Less than 1e-3, by a factor that keeps round sizes from powers
-#: of two.
+#: Largest spacing of the lattice, over the requested cell size at a node and the shortest edge
+#: there: solver errors, some 1e-9 of it, rarely move a node to another lattice point
+#: (test_rounding_does_not_decide). It is less than 1e-3, by a factor that prevents round sizes from
+#: giving powers of two.
 SPACING = 0.77e-3
 
-#: Where between two points of the lattice, over their distance, values turn to the second: far
-#: from the fractions that symmetric bodies have, such as 0, 1/2, 2/5 or 1/3.
+#: Threshold between two lattice points, over their distance, above which values are rounded to the
+#: second one. It is far from the fractions in symmetric bodies, such as 0, 1/2, 2/5 or 1/3.
 TURN = (5**0.5 - 1) / 2
 
 
 def on_lattice(outline: Outline) -> tuple[Outline, Outline]:
-    """A body with its nodes in an order of their places, and a copy on a lattice.
+    """Sort the nodes of a body by their places, and create a copy rounded to a lattice.
 
-    Positions and sizes of the copy are, bit by bit, the same for all bodies that differ by what
-    solvers leave of an error only. Whatever is decided by them is decided in the same way on any
-    number of ranks, also where symmetry makes lengths alike. The lattice has a spacing of its own
-    at each node.
+    Positions and sizes of the copy are bitwise identical for all bodies that differ by solver
+    errors only. Decisions based on them are therefore the same on any number of ranks, also where
+    lengths are equal by symmetry. The lattice has its own spacing at each node.
 
     Args:
         outline: The body.
@@ -59,7 +58,7 @@ def on_lattice(outline: Outline) -> tuple[Outline, Outline]:
     cells = cells[np.lexsort(cells.T)]
     facets = number[outline.facets]
     by_nodes = np.lexsort(np.sort(facets, axis=1).T)
-    if outline.gdim == 3:  # each begins with its smallest node
+    if outline.gdim == 3:  # each facet begins with its smallest node
         turns = (np.argmin(facets, axis=1)[:, None] + np.arange(3)) % 3
         facets = np.take_along_axis(facets, turns, axis=1)
     body = Outline(x[order], facets[by_nodes], outline.tags[by_nodes], cells, sizes[order])
@@ -67,14 +66,14 @@ def on_lattice(outline: Outline) -> tuple[Outline, Outline]:
 
 
 def _rounded(values: Array, lengths: Array) -> Array:
-    """Values on lattices whose points are apart by some SPACING of lengths, a power of two."""
+    """Round values to lattices with a spacing of SPACING times the lengths, a power of two."""
     with np.errstate(divide="ignore"):
         step = np.exp2(np.floor(np.log2(SPACING * lengths)))
     return np.asarray(step * np.floor(values / step + (1 - TURN)))
 
 
 class FromLattice:
-    """The way from the copy on the lattice back to the body, linear in each cell.
+    """Map from the copy on the lattice back to the body, linear in each cell.
 
     Args:
         body: The body.
@@ -99,7 +98,7 @@ class FromLattice:
         self._middles = geometry.create_midpoint_tree(self._mesh, gdim, count)
 
     def __call__(self, x: Array) -> Array:
-        """Places in the body of points of the copy, (points, 3)."""
+        """Map points of the copy to places in the body, (points, 3)."""
         if len(x) == 0:
             return x
         found = geometry.compute_closest_entity(
@@ -109,10 +108,10 @@ class FromLattice:
         gdim = nodes.shape[1] - 1
         corners = self._x[nodes][..., :gdim]
         edges = corners[:, 1:] - corners[:, :1]
-        # Flat cells, too, have some place that is closest.
+        # The pseudo-inverse gives a closest place in flat cells, too.
         inverse = np.linalg.pinv(edges.transpose(0, 2, 1), rcond=1e-9)
         part = np.einsum("pij,pj->pi", inverse, x[:, :gdim] - corners[:, 0])
-        # Points beside the copy go as those on it.
+        # Points outside the copy are mapped like points on it.
         weights = np.clip(np.column_stack([1 - part.sum(axis=1), part]), 0.0, 1.0)
         weights /= weights.sum(axis=1, keepdims=True)
         return np.asarray(x + np.einsum("pi,pij->pj", weights, self._ways[nodes]))

@@ -1,4 +1,4 @@
-"""Tetrahedra adapted to sizes by MMG, a program that is called."""
+"""Adapt tetrahedra to sizes by MMG, called as an external program."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from qsdolfinx.remeshing.retriangulate import Boundary, boundary_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Names that the program has.
+#: Names of the program.
 PROGRAMS = ("mmg3d_O3", "mmg3d")
 
-#: Part of the largest size by which MMG's surface may be off its smooth one.
+#: Largest distance of MMG's surface from its smooth surface, over the largest size.
 OFF = 0.1
 
-#: What files begin with.
+#: First lines of the files.
 HEAD = "MeshVersionFormatted 2\nDimension 3\n"
 
-#: What is read of a file: numbers in a row of each section.
+#: Sections that are read from a file, with the numbers per row.
 SECTIONS = {"Vertices": 4, "Tetrahedra": 5, "Triangles": 4, "Edges": 3}
 
 
-#: The Python package that brings the program along.
+#: The Python package that contains the program.
 PACKAGE = "mmgpy"
 
 
 def program() -> str | None:
-    """Path of MMG's program: on the PATH, or in the Python package; None without either.
+    """Path of MMG's program, on the PATH or in the Python package; None if it is not found.
 
-    The program is called in a process of its own: where MMG crashes, the run goes on.
+    The program runs in its own process: if MMG crashes, the run continues.
     """
     return next(filter(None, map(shutil.which, PROGRAMS)), None) or _of_package()
 
 
 def _of_package() -> str | None:
-    """The compiled program in ``mmgpy``, of any environment that Python sees."""
+    """Path of the compiled program in ``mmgpy``, in any environment on Python's path."""
     try:
         files = importlib.metadata.files(PACKAGE) or []
     except importlib.metadata.PackageNotFoundError:
@@ -59,11 +59,11 @@ def _of_package() -> str | None:
 
 
 def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:
-    """Let MMG adapt the cells of a body; new boundary nodes are put on the old facets.
+    """Adapt the cells of a body by MMG; new boundary nodes are projected onto the old facets.
 
     Args:
         outline: The body.
-        features: What is kept of its boundary.
+        features: Features of its boundary that are kept.
 
     Raises:
         RemeshError: If MMG fails, or has lost a part of the boundary.
@@ -88,7 +88,7 @@ def adapt(outline: Outline, features: Features) -> tuple[Boundary, Inside]:
 
 
 def _run(outline: Outline, features: Features) -> dict[str, Array]:
-    """Call MMG; returns the sections of what it has written."""
+    """Call MMG; returns the sections of its output file."""
     name = program()
     if name is None:
         raise RemeshError(f"mesher: none of {', '.join(PROGRAMS)} is on the PATH of rank 0")
@@ -97,7 +97,7 @@ def _run(outline: Outline, features: Features) -> dict[str, Array]:
         given, wanted, made = (pathlib.Path(folder) / f for f in ("in.mesh", "in.sol", "out.mesh"))
         _write(given, outline, features)
         _write_sizes(wanted, sizes)
-        # Lines, corners and growth are those given; sizes of surfaces, too.
+        # Lines, corners, growth and surface sizes are given: MMG must not determine them.
         options = ["-v", "1", "-nr", "-hgrad", "-1", "-hausd", f"{OFF * sizes.max():.17g}"]
         limits = ["-hmin", f"{sizes.min() / 4:.17g}", "-hmax", f"{2 * sizes.max():.17g}"]
         files = ["-sol", str(wanted), "-out", str(made), str(given)]
@@ -153,7 +153,7 @@ def _write_sizes(path: pathlib.Path, sizes: Array) -> None:
 
 
 def _read(path: pathlib.Path) -> dict[str, Array]:
-    """Sections of a file by their names."""
+    """Read the sections of a file, by name."""
     words = path.read_text().split()
     out: dict[str, Array] = {}
     for name, width in SECTIONS.items():
@@ -172,12 +172,12 @@ def _read(path: pathlib.Path) -> dict[str, Array]:
 
 
 def _numbers(rows: Array, width: int = 5) -> Indices:
-    """Rows of nodes and a reference, from 0."""
+    """Rows of node numbers from 0, and a reference."""
     return np.asarray(rows.astype(np.int64) - 1).reshape(-1, width)
 
 
 def _facets(x: Array, cells: Indices, triangles: Indices) -> tuple[Indices, Indices]:
-    """Outward facets of cells, and the regions of the triangles that they are."""
+    """Outward boundary facets of cells, and the regions of the corresponding triangles."""
     faces = np.concatenate([np.delete(cells, i, axis=1) for i in range(4)])
     opposite = np.concatenate([cells[:, i] for i in range(4)])
     keys = np.sort(faces, axis=1)
@@ -197,10 +197,10 @@ def _facets(x: Array, cells: Indices, triangles: Indices) -> tuple[Indices, Indi
 def _onto_old(
     x: Array, facets: Indices, region: Indices, lines: Indices, outline: Outline, features: Features
 ) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Put boundary nodes on the old facets.
+    """Project boundary nodes onto the old facets.
 
     Args:
-        x: Coordinates of the nodes, which are changed, shape (nodes, 3).
+        x: Coordinates of the nodes, changed in place, shape (nodes, 3).
         facets: Shape (triangles, 3).
         region: Their regions, shape (triangles,).
         lines: Nodes of edges on lines, and the number of the line, shape (edges, 3).
@@ -208,7 +208,7 @@ def _onto_old(
         features: What is kept.
 
     Returns:
-        Which nodes are corners, and sizes wanted at the nodes, both of shape (nodes,).
+        Flags of corner nodes, and requested sizes at the nodes, both of shape (nodes,).
     """
     old = OldSurface(outline.x, outline.facets, outline.sizes, features)
     sizes, corner, on_line = np.zeros(len(x)), np.zeros(len(x), dtype=bool), np.full(len(x), -1)

@@ -1,4 +1,4 @@
-"""A body's boundary and cells gathered on rank 0, the same from any partition."""
+"""Gather a body's boundary and cells on rank 0, independently of the partition."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Outline(typing.NamedTuple):
             2D with the body to the left. Shape (facets, gdim).
         tags: Tag of each facet, 0 without one, shape (facets,).
         cells: Nodes of the cells, shape (cells, gdim + 1).
-        sizes: Of cells wanted at the nodes (length), shape (nodes,).
+        sizes: Requested cell sizes at the nodes (length), shape (nodes,).
     """
 
     x: Array
@@ -42,7 +42,7 @@ class Outline(typing.NamedTuple):
 
 
 def listed(array: npt.NDArray[typing.Any]) -> typing.Any:
-    """The array as nested lists of Python's numbers, which are faster one by one."""
+    """The array as nested lists of Python numbers, which are faster to access one by one."""
     return array.tolist()
 
 
@@ -53,9 +53,9 @@ def gather(
 
     Args:
         msh: The mesh.
-        x: Where its nodes are, shape (geometry nodes, 3).
-        sizes: Of cells wanted there (length), shape (geometry nodes,).
-        facet_tags: Tags of facets; others than those of the boundary do not count.
+        x: Coordinates of its nodes, shape (geometry nodes, 3).
+        sizes: Requested cell sizes at the nodes (length), shape (geometry nodes,).
+        facet_tags: Tags of facets; only those of boundary facets are used.
     """
     comm, tdim = msh.comm, msh.topology.dim
     keys = np.asarray(msh.geometry.input_global_indices, dtype=np.int64)
@@ -72,7 +72,7 @@ def gather(
     least = np.full(len(unique), np.inf)
     np.minimum.at(least, number.ravel(), wanted)
     facets, cells = (np.searchsorted(unique, index) for index in (facets, cells))
-    # By their own nodes: with what is opposite two facets of a cell would be alike.
+    # Sort by the facet's own nodes: with the opposite node, two facets of a cell would be equal.
     order = np.lexsort(np.sort(facets[:, :-1], axis=1).T)
     facets, tags = outward(points, facets[order, :-1], facets[order, -1]), tags[order]
     cells = np.sort(cells, axis=1)
@@ -83,7 +83,7 @@ def gather(
 def _facets(
     msh: mesh.Mesh, keys: Indices, facet_tags: mesh.MeshTags | None
 ) -> tuple[Indices, Indices]:
-    """Keys of the vertices of this rank's boundary facets and of what is opposite, and tags."""
+    """Keys of this rank's boundary facet vertices and their opposite vertices, and tags."""
     facets, nodes = boundary_facets(msh)
     of_facet = np.zeros(int(facets.max(initial=-1)) + 1, dtype=np.int64)
     if facet_tags is not None:
@@ -96,7 +96,7 @@ def boundary_facets(msh: mesh.Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[
     """Boundary facets of this rank, and rows of the mesh geometry at their vertices.
 
     Returns:
-        Facets, and (facets, gdim + 1) rows; the last one is of what is opposite in the cell.
+        Facets, and (facets, gdim + 1) rows; the last row is of the opposite vertex in the cell.
     """
     tdim = msh.topology.dim
     msh.topology.create_connectivity(tdim - 1, tdim)
@@ -106,17 +106,17 @@ def boundary_facets(msh: mesh.Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[
     reference = np.array(basix.topology(getattr(basix.CellType, msh.topology.cell_type.name))[-2])
     nodes = cell_nodes(msh)[cells]
     ends = np.take_along_axis(nodes, reference[local], axis=1)
-    # Of a simplex, facet i is the one opposite to vertex i.
+    # In a simplex, facet i is opposite to vertex i.
     return facets, np.hstack([ends, np.take_along_axis(nodes, local[:, None], axis=1)])
 
 
 def outward(x: Array, facets: Indices, opposite: Indices) -> Indices:
-    """Facets turned outward, each beginning with its smallest node.
+    """Orient facets outward; each begins with its smallest node.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
         facets: Shape (facets, gdim).
-        opposite: What is opposite in the cell, shape (facets,).
+        opposite: Opposite node in the cell, shape (facets,).
     """
     facets = np.sort(facets, axis=1)
     edges = x[facets[:, 1:]] - x[facets[:, :1]]
@@ -148,7 +148,8 @@ def volume_gradient(x: Array, facets: Indices, axisymmetric: bool) -> tuple[Arra
         facets: Outward facets, shape (facets, gdim).
         axisymmetric: Whether coordinates are (r, z).
     """
-    # Far from the origin sums about it lose digits; radii count from the axis.
+    # Far from the origin, sums relative to it lose digits, so coordinates are shifted; radii are
+    # not, since they count from the axis.
     shift = x[facets].mean(axis=(0, 1)) if len(facets) else np.zeros(3)
     x = x - (shift * [0.0, 1.0, 1.0] if axisymmetric else shift)
     out, corners = np.zeros_like(x), x[facets]

@@ -1,4 +1,4 @@
-"""Parts of a closed boundary: bodies, and voids within them."""
+"""Find the parts of a closed boundary: bodies, and voids within them."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def find_parts(x: Array, facets: Indices) -> list[list[Indices]]:
 
 
 def in_voids(x: Array, cells: Indices, of_boundary: Array, facets: Indices) -> Flags:
-    """Which tetrahedra are not within a boundary whose facets are faces of them, shape (cells,).
+    """Flags of tetrahedra outside a boundary whose facets are faces of the cells, shape (cells,).
 
     Args:
         x: Coordinates of the cells' nodes, shape (nodes, 3).
-        cells: Nodes of the cells; those of the boundary have their numbers plus one.
-        of_boundary: Coordinates of the boundary's nodes.
+        cells: Nodes of the cells; boundary nodes have their boundary number plus one.
+        of_boundary: Coordinates of the boundary nodes.
         facets: Outward facets of the boundary.
     """
     faces = np.sort(cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]], axis=2).reshape(-1, 3)
@@ -62,7 +62,7 @@ def in_voids(x: Array, cells: Indices, of_boundary: Array, facets: Indices) -> F
 
 
 def _labels(groups: Indices, count: int) -> Indices:
-    """Smallest number of what hangs together by groups of numbers, shape (count,)."""
+    """Smallest number in each set of numbers connected by groups, shape (count,)."""
     label = np.arange(count)
     while True:
         lowest = label[groups].min(axis=1)
@@ -77,7 +77,7 @@ def _labels(groups: Indices, count: int) -> Indices:
 
 
 def _connected(facets: Indices, num_nodes: int) -> list[Indices]:
-    """Facets that hang together by nodes, in the order of their first one."""
+    """Groups of facets that are connected by nodes, in the order of their first facet."""
     of_facet = _labels(facets, num_nodes)[facets[:, 0]]
     _, first = np.unique(of_facet, return_index=True)
     return [np.flatnonzero(of_facet == of_facet[f]) for f in np.sort(first)]

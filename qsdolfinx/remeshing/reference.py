@@ -1,4 +1,4 @@
-"""The old boundary as what new nodes are put on."""
+"""Project new nodes onto the old boundary."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Indices = npt.NDArray[np.int64]
 
 
 class Triangles:
-    """Triangles on one process, to find the closest points of.
+    """Closest-point search on triangles, on one process.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
@@ -41,7 +41,7 @@ class Triangles:
         self._middles = geometry.create_midpoint_tree(self._mesh, 2, cells)
 
     def closest(self, points: Array) -> tuple[Indices, Array]:
-        """Closest triangles, (points,), and the barycentric coordinates there, (points, 3)."""
+        """Closest triangles, (points,), and barycentric coordinates there, (points, 3)."""
         if len(points) == 0:
             return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         found = geometry.compute_closest_entity(
@@ -52,11 +52,11 @@ class Triangles:
 
 
 def closest_on_triangles(points: Array, corners: Array) -> Array:
-    """Barycentric coordinates of the closest points of triangles, one each.
+    """Barycentric coordinates of the closest point of one triangle for each point.
 
     Args:
         points: Shape (points, 3).
-        corners: Of the triangles, shape (points, 3, 3).
+        corners: Corners of the triangles, shape (points, 3, 3).
     """
     a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     d = points - a
@@ -79,19 +79,19 @@ def closest_on_triangles(points: Array, corners: Array) -> Array:
 
 
 def closest_on_segments(points: Array, p: Array, q: Array) -> Array:
-    """Places, 0 at p to 1 at q, of the closest points of segments, one each."""
+    """Closest point of one segment for each point, as a coordinate from 0 at p to 1 at q."""
     d = q - p
     t = np.sum((points - p) * d, axis=-1) / np.maximum(np.sum(d * d, axis=-1), 1e-300)
     return np.asarray(np.clip(t, 0.0, 1.0))
 
 
 class OldSurface:
-    """The old surface as new nodes are put on it: regions and lines apart.
+    """Old surface onto which new nodes are projected, separately for regions and lines.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
         triangles: Shape (triangles, 3).
-        sizes: Wanted at nodes (length), shape (nodes,).
+        sizes: Requested sizes at nodes (length), shape (nodes,).
         features: Its regions and lines.
     """
 
@@ -106,7 +106,7 @@ class OldSurface:
             self._lines.setdefault(line, []).append(edge)
 
     def onto_region(self, number: int, points: Array) -> tuple[Array, Array, Array]:
-        """Closest points, sizes wanted there, and the normals of the triangles."""
+        """Closest points of a region, requested sizes there, and the normals of the triangles."""
         part, search = self._parts[number]
         found, weights = search.closest(points)
         nodes = part[found]
@@ -117,7 +117,7 @@ class OldSurface:
         return at, np.sum(weights * self._sizes[nodes], axis=1), normal
 
     def onto_line(self, number: int, points: Array) -> tuple[Array, Array]:
-        """Closest points of a line, and sizes wanted there."""
+        """Closest points of a line, and requested sizes there."""
         ends = np.array(self._lines[number])
         p, q = (self._x[ends[:, i]][None] for i in (0, 1))
         t = closest_on_segments(points[:, None], p, q)

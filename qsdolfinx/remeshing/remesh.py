@@ -43,16 +43,17 @@ from qsdolfinx.surface.arguments import is_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Relative change of the volume that a new mesh may have.
+#: Largest relative change of the volume by a new mesh.
 VOLUME = 1e-4
 
-#: The same of what cells fill of what the boundary encloses.
+#: Largest relative difference between the volume of the cells and the volume enclosed by the
+#: boundary.
 FILLED = 1e-6
 
-#: Part of a body's size that radii may be below 0 by rounding.
+#: Largest negative radius due to rounding errors, over the body's size.
 AXIS = 1e-9
 
-#: Cells above which sizes are a mistake, of units perhaps.
+#: Number of cells above which the sizes are probably a mistake, for example of units.
 MOST_CELLS = 2e7
 
 #: What makes meshes.
@@ -76,8 +77,8 @@ class RemeshReport(typing.NamedTuple):
         shift: Largest distance (length) by which nodes were moved to restore the volume.
         old_cells: Cells of the old mesh.
         num_cells: Cells of the new mesh.
-        old_quality: Shape of the worst old cell, 1 at best: see ``MeshMotion.quality``.
-        quality: Shape of the worst new cell.
+        old_quality: Quality of the worst old cell, 1 is best: see ``MeshMotion.quality``.
+        quality: Quality of the worst new cell.
     """
 
     volume: float
@@ -101,7 +102,7 @@ class Remeshed(typing.NamedTuple):
     """A new mesh of a body.
 
     Attributes:
-        mesh: The mesh, spread over all ranks.
+        mesh: The mesh, distributed over all ranks.
         facet_tags: Tags of its boundary facets; facets with the tag 0 are left out.
         report: Report of the remeshing.
     """
@@ -212,7 +213,7 @@ def remesh(
 
 
 def _num_turned(msh: mesh.Mesh, x: Array) -> int:
-    """Cells of this rank that a displacement has turned inside out."""
+    """Number of cells of this rank that a displacement has inverted."""
     gdim, count = msh.geometry.dim, msh.topology.index_map(msh.topology.dim).size_local
     nodes = cell_nodes(msh)[:count]
 
@@ -224,10 +225,10 @@ def _num_turned(msh: mesh.Mesh, x: Array) -> int:
 
 
 def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
-    """Refuse MMG where it is not installed, and for triangles.
+    """Raise an error if MMG is not installed, or the mesh consists of triangles.
 
     Raises:
-        ValueError: With what to do.
+        ValueError: If MMG cannot be used, with a remedy.
     """
     if mesher != "mmg":
         return
@@ -242,7 +243,7 @@ def check_mesher(msh: mesh.Mesh, mesher: str) -> None:
 
 
 class _How(typing.NamedTuple):
-    """How a mesh is made: the angle of features (radians), whether it is of (r, z), by what."""
+    """Settings of a mesh: angle of features (radians), whether axisymmetric (r, z), mesher."""
 
     angle: float
     axisymmetric: bool
@@ -250,13 +251,13 @@ class _How(typing.NamedTuple):
 
 
 class _Made(typing.NamedTuple):
-    """What rank 0 has made.
+    """Mesh created by rank 0.
 
     Attributes:
-        x: Nodes, those of the boundary first.
+        x: Nodes, boundary nodes first.
         cells: Cells.
         boundary: The boundary.
-        report: What has changed.
+        report: Report of the changes.
     """
 
     x: Array
@@ -266,7 +267,7 @@ class _Made(typing.NamedTuple):
 
 
 def _make(outline: Outline, how: _How, wanted: float) -> _Made:
-    """Make the mesh, on one rank; if there is none as good as wanted, with slightly other sizes."""
+    """Create the mesh on one rank; if its quality is too low, with slightly different sizes."""
     _check_outline(outline)
     _check_number(outline)
     problems: list[RemeshError] = []
@@ -286,7 +287,7 @@ def _make(outline: Outline, how: _How, wanted: float) -> _Made:
 
 
 def _make_of(outline: Outline, copy: Outline, how: _How) -> _Made:
-    """Mesh the copy of a body on a lattice, and put the new nodes into the body."""
+    """Mesh the copy of a body on a lattice, and map the new nodes to the body."""
     axisymmetric, inside = how.axisymmetric, None
     volume = enclosed_volume(outline.x, outline.facets, axisymmetric)
     planes: dict[int, Plane] = {}
@@ -332,7 +333,7 @@ def _make_of(outline: Outline, copy: Outline, how: _How) -> _Made:
 
 
 def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
-    """Refuse cells that leave something out, or fill a void."""
+    """Raise an error for cells that do not fill the body, or fill a void."""
     gdim = cells.shape[1] - 1
     edges = (x[cells[:, 1:]] - x[cells[:, :1]])[..., :gdim]
     filled = float(np.abs(np.linalg.det(edges)).sum()) / (2.0 if gdim == 2 else 6.0)
@@ -344,7 +345,7 @@ def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
 
 
 def _check_number(outline: Outline) -> None:
-    """Refuse sizes with which there would be no end of cells."""
+    """Raise an error for sizes that would give too many cells."""
     gdim, corners = outline.gdim, outline.x[outline.cells]
     volumes = np.abs(np.linalg.det((corners[:, 1:] - corners[:, :1])[..., :gdim]))
     of_sizes = outline.sizes[outline.cells].mean(axis=1) ** gdim
@@ -357,7 +358,7 @@ def _check_number(outline: Outline) -> None:
 
 
 def _check_outline(outline: Outline) -> None:
-    """Refuse a body whose boundary is not finite or passes through itself."""
+    """Raise an error for a body with coordinates that are not finite, or intersecting itself."""
     bad = ~np.isfinite(outline.x).all(axis=1)
     if bad.any():
         raise RemeshError(f"body: {bad.sum()} nodes have coordinates that are not finite")
@@ -370,7 +371,7 @@ def distribute(
     made: tuple[Array, Indices] | None,
     partitioner: typing.Any = None,
 ) -> mesh.Mesh:
-    """A mesh of simplices on all ranks. Collective.
+    """Distribute a mesh of simplices over all ranks. Collective.
 
     Args:
         comm: Communicator.
@@ -391,11 +392,11 @@ def distribute(
 
 
 def tags_of(msh: mesh.Mesh, boundary: tuple[Indices, Indices] | None) -> mesh.MeshTags:
-    """Tags of facets by the numbers that their nodes had on rank 0. Collective.
+    """Facet tags, given the node numbers of the facets on rank 0. Collective.
 
     Args:
         msh: The mesh.
-        boundary: Facets, shape (facets, gdim), and their tags, on rank 0; 0 is none.
+        boundary: Facets, shape (facets, gdim), and their tags, on rank 0; 0 means no tag.
     """
     mine = None if boundary is None else (np.sort(boundary[0], axis=1), boundary[1])
     known, values = msh.comm.bcast(mine, root=0)

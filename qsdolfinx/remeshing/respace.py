@@ -1,4 +1,4 @@
-"""New nodes at wanted distances on an old boundary in 2D."""
+"""Create new nodes at requested distances on an old boundary in 2D."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from qsdolfinx.remeshing.retriangulate import Boundary
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Radius, over the size of the body, of what is on the axis.
+#: Radius, over the size of the body, below which a node is on the axis.
 ON_AXIS = 1e-7
 
-#: Part of a segment by which a chain may be too short for one more: where it is half-way between
-#: two numbers, the lattice does not choose.
+#: Part of a segment by which a chain may be too short for one more segment: rounding to the lattice
+#: then does not decide in the middle between two numbers.
 HALF = 0.01
 
 
@@ -30,8 +30,8 @@ class _Chain(typing.NamedTuple):
     """A part of the boundary between two corners, or all of a loop without corners.
 
     Attributes:
-        nodes: In order, the last one that of the first of a loop.
-        tag: Of its facets.
+        nodes: Nodes in order; in a loop, the last node is the first one.
+        tag: Tag of its facets.
     """
 
     nodes: Indices
@@ -39,12 +39,12 @@ class _Chain(typing.NamedTuple):
 
 
 def respace(outline: Outline, copy: Outline, angle: float, axisymmetric: bool) -> Boundary:
-    """Cover a boundary by new segments; nodes are on the old ones of the copy, corners stay.
+    """Cover a boundary by new segments, with nodes on the copy's old segments; corners are kept.
 
     Args:
-        outline: The old body, which has the corners and lines.
+        outline: The old body, which determines the corners and lines.
         copy: Its copy on a lattice.
-        angle: Between neighbours (radians) from which on their common node is a corner.
+        angle: Angle between neighbours (radians) from which their common node is a corner.
         axisymmetric: Whether coordinates are (r, z): where the boundary leaves the axis is a
             corner, too.
 
@@ -106,7 +106,7 @@ def _line_of(x: Array) -> Plane | None:
 
 
 def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
-    """The boundary between its corners."""
+    """Chains of the boundary between its corners."""
     x, facets = outline.x, outline.facets
     leaving = collections.Counter(listed(facets[:, 0]))
     odd = [node for node in np.unique(facets) if leaving[int(node)] != 1]
@@ -143,10 +143,10 @@ def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
 
 
 def _spaced(outline: Outline, nodes: Indices, least: int) -> tuple[Array, Array]:
-    """Points on a chain at the distances that are wanted, its ends included, and sizes there."""
+    """Points on a chain at the requested distances, including its ends, and sizes there."""
     x, h = outline.x[nodes], outline.sizes[nodes]
     ways = np.linalg.norm(np.diff(x, axis=0), axis=1)
-    # Sizes are linear in between: as many segments as ∫ ds / h.
+    # Sizes are linear between nodes; the number of segments is ∫ ds / h.
     ratio = h[1:] / h[:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.where(np.abs(ratio - 1) < 1e-6, h[:-1], h[:-1] * (ratio - 1) / np.log(ratio))
@@ -156,7 +156,7 @@ def _spaced(outline: Outline, nodes: Indices, least: int) -> tuple[Array, Array]
     i = np.clip(np.searchsorted(counted, places, side="right") - 1, 0, len(ways) - 1)
     part = (places - counted[i]) / (counted[i + 1] - counted[i])
     r = np.where(np.abs(ratio[i] - 1) < 1e-6, 1.0, ratio[i])
-    # Of a count that sizes grow with, a segment's way is its integral.
+    # Sizes grow geometrically with the number of segments; the distance is the integral.
     with np.errstate(divide="ignore", invalid="ignore"):
         way = np.where(r == 1, part, (r**part - 1) / (r - 1))
     points = x[i] + way[:, None] * (x[i + 1] - x[i])

@@ -1,4 +1,4 @@
-"""Volume that a new boundary has lost, given back."""
+"""Restore the volume enclosed by a new boundary."""
 
 from __future__ import annotations
 
@@ -11,29 +11,30 @@ from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 
-#: Relative change of the volume that is left.
+#: Tolerance of the relative change of the volume.
 EXACT = 1e-12
 
-#: Way of nodes, in sizes of the cells there, above which the volume cannot be given back.
+#: Displacement of nodes, in units of the local cell size, above which the volume cannot be
+#: restored.
 FAR = 0.25
 
 
 def restore_volume(boundary: Boundary, volume: float, axisymmetric: bool) -> float:
     """Shift free nodes along their normals until the boundary encloses a volume.
 
-    Nodes on planes stay on them; those that are fixed stay. All others go the same way, along the
-    part of the normal that they may.
+    Nodes on planes stay on them; fixed nodes are not moved. All others move by the same distance
+    along the admissible part of the normal.
 
     Args:
-        boundary: Its coordinates are changed.
+        boundary: The boundary; its coordinates are changed in place.
         volume: The volume (2D: area; axisymmetric: of the whole body).
         axisymmetric: Whether coordinates are (r, z).
 
     Returns:
-        The longest way of a node (length).
+        The largest displacement of a node (length).
 
     Raises:
-        RemeshError: If nodes would have to go too far.
+        RemeshError: If nodes would have to move too far.
     """
     start, x = boundary.x.copy(), boundary.x
     directions = _directions(boundary)
@@ -60,7 +61,7 @@ def restore_volume(boundary: Boundary, volume: float, axisymmetric: bool) -> flo
 
 
 def _directions(boundary: Boundary) -> Array:
-    """Unit normals of free nodes, less what is across their planes; 0 of fixed nodes."""
+    """Unit normals of free nodes, without components normal to their planes; 0 at fixed nodes."""
     x, facets = boundary.x, boundary.facets
     normal = np.zeros_like(x)
     curved = _area_vectors(x, facets)

@@ -1,4 +1,4 @@
-"""New triangles of wanted sizes on an old surface."""
+"""Cover an old surface by new triangles of requested sizes."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from qsdolfinx.remeshing.triangulation import Triangulation
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Rounds of splitting, collapsing, turning and smoothing at most.
+#: Most rounds of splitting, collapsing, flipping and smoothing.
 ROUNDS = 12
 
-#: Part of the way to the mean of its neighbours that a node goes in a round.
+#: Part of the distance to the mean of its neighbours by which a node moves in a round.
 STEP = 0.7
 
-#: Changes in a round, over the number of edges, that are few enough to end.
+#: Changes in a round, over the number of edges, below which the rounds end.
 FEW = 2e-3
 
-#: Cosine of the angle between a node's normal and that of the old triangle it is put on.
+#: Smallest cosine of the angle between a node's normal and the normal of the old triangle onto
+#: which the node is projected.
 SAME_SIDE = 0.5
 
-#: Ratio of singular values of normals (half of their angle, in radians) below which two planes are
-#: one for a node on both: where they meet moves far if they move a little.
+#: Ratio of singular values of normals (half of their angle, in radians) below which two planes
+#: count as one for a node on both: their intersection moves far if the planes move a little.
 NEARLY_ONE = 0.05
 
-#: Shape of triangles that smoothing may not make worse.
+#: Quality below which smoothing must not make triangles worse.
 POOR = 0.2
 
 
@@ -42,11 +43,11 @@ class Boundary:
     Attributes:
         x: Coordinates of nodes, shape (nodes, 3).
         facets: Outward facets, shape (facets, gdim).
-        tags: Of the facets, shape (facets,).
-        sides: For each node the numbers of the regions that it is on.
-        planes: Of regions that are plane, by their numbers: nodes of a region have to stay on them.
-        fixed: Nodes that stay where they are, shape (nodes,).
-        sizes: Of cells wanted at the nodes (length), shape (nodes,).
+        tags: Tags of the facets, shape (facets,).
+        sides: For each node, the numbers of the regions that contain it.
+        planes: Planes of plane regions, by region number: nodes of a region must stay on its plane.
+        fixed: Flags of nodes that are not moved, shape (nodes,).
+        sizes: Requested cell sizes at the nodes (length), shape (nodes,).
     """
 
     x: Array
@@ -58,18 +59,18 @@ class Boundary:
     sizes: Array
 
     def at(self, x: Array, planes: dict[int, Plane]) -> Boundary:
-        """The boundary with its nodes elsewhere, exactly on planes.
+        """The boundary with its nodes at other places, exactly on planes.
 
         Args:
             x: Coordinates of nodes, shape (nodes, 3).
-            planes: Of regions, by their numbers.
+            planes: Planes by region number.
         """
         out = dataclasses.replace(self, x=x.copy(), planes=planes)
         out.onto_planes()
         return out
 
     def on_same_planes(self) -> list[tuple[list[Plane], Indices]]:
-        """Planes, and nodes that have to stay on just these."""
+        """Sets of planes, and the nodes that must stay on exactly these planes."""
         nodes_of: dict[tuple[int, ...], list[int]] = {}
         planes_of: dict[tuple[int, ...], list[Plane]] = {}
         for node, numbers in enumerate(self.sides):
@@ -80,7 +81,7 @@ class Boundary:
         return [(planes, np.array(nodes_of[key])) for key, planes in planes_of.items()]
 
     def onto_planes(self) -> None:
-        """Put nodes on the closest places that are on their planes, exactly if across axes."""
+        """Project nodes onto their planes, exactly if the planes are normal to axes."""
         for planes, nodes in self.on_same_planes():
             normals = np.array([plane.normal for plane in planes])
             levels = np.array([plane.level for plane in planes])
@@ -95,16 +96,16 @@ class Boundary:
 def retriangulate(
     x: Array, triangles: Indices, tags: Indices, sizes: Array, features: Features
 ) -> Boundary:
-    """Cover a closed surface by new triangles; nodes are on the old ones.
+    """Cover a closed surface by new triangles, with nodes on the old triangles.
 
-    Edges are split and collapsed until they are as long as wanted, turned as Delaunay's criterion
-    asks for, and nodes go towards the mean of their neighbours and back to the surface (Botsch and
-    Kobbelt, 2004).
+    Edges are split and collapsed until they have the requested length, and flipped by the Delaunay
+    criterion. Nodes are moved towards the mean of their neighbours and projected back onto the
+    surface (Botsch and Kobbelt, 2004).
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
         triangles: Outward, shape (triangles, 3).
-        tags: Of the triangles, one in each region, shape (triangles,).
+        tags: Tags of the triangles, the same within each region, shape (triangles,).
         sizes: Wanted at nodes (length), shape (nodes,).
         features: What is kept.
     """
@@ -134,7 +135,7 @@ def _renumbered(features: Features, used: Indices) -> Features:
 
 
 def _smooth(surface: Triangulation, old: OldSurface) -> None:
-    """Move nodes to the mean of their neighbours, and onto the old surface."""
+    """Move nodes towards the mean of their neighbours, and project them onto the old surface."""
     x = np.array(surface.x)
     sizes = np.array(surface.sizes)
     faces = np.array(list(surface.faces.values()))
@@ -144,7 +145,8 @@ def _smooth(surface: Triangulation, old: OldSurface) -> None:
     on_line = np.array([bool(of) for of in surface.on_line])
     _on_surface(x, sizes, faces, region, on_line, normals, old, new, wanted)
     _on_lines(surface, x, sizes, old, new, wanted)
-    # Nodes of triangles that would turn or become flat stay; so may others then have to.
+    # Nodes of triangles that would turn over or become flat are not moved; then other nodes may
+    # have to stay, too.
     moved = np.any(new != x, axis=1)
     while True:
         after, shaped = _normals_and_shapes(new, faces)
@@ -171,11 +173,11 @@ def _on_surface(
     new: Array,
     wanted: Array,
 ) -> None:
-    """Write new places, and sizes wanted there, of nodes within regions."""
+    """Write new places of nodes within regions, and the requested sizes there."""
     area = np.linalg.norm(
         np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1
     )
-    # Centroids of triangles count by their areas in units of what is wanted there.
+    # Centroids of triangles are weighted by their areas, in units of the requested size.
     weight = area / sizes[faces].mean(axis=1) ** 2
     middle = x[faces].mean(axis=1)
     sums, total, normal = np.zeros_like(x), np.zeros(len(x)), np.zeros_like(x)
@@ -200,7 +202,7 @@ def _on_surface(
 def _on_lines(
     surface: Triangulation, x: Array, sizes: Array, old: OldSurface, new: Array, wanted: Array
 ) -> None:
-    """The same of nodes on lines."""
+    """Write new places of nodes on lines, and the requested sizes there."""
     nodes_of: dict[int, set[tuple[int, int, int]]] = {}
     for edge, line in surface.lines.items():
         for node in set(edge) - surface.corners:
@@ -209,7 +211,7 @@ def _on_lines(
     for line, triples in sorted(nodes_of.items()):
         node, first, second = np.array(sorted(triples)).T
         ways = [np.linalg.norm(x[node] - x[end], axis=1) for end in (first, second)]
-        # As many sizes away from the one neighbour as from the other.
+        # Equal distances to both neighbours, in units of the requested size.
         wants = [sizes[end] + sizes[node] for end in (first, second)]
         whole = ways[0] + ways[1]
         goal = whole * wants[0] / (wants[0] + wants[1])
@@ -229,7 +231,7 @@ def _normals_and_shapes(x: Array, faces: Indices) -> tuple[Array, Array]:
 
 
 def _left(surface: Triangulation, features: Features, tag_of: dict[int, int]) -> Boundary:
-    """The nodes and triangles that are left."""
+    """Boundary of the remaining nodes and triangles."""
     faces = np.array(list(surface.faces.values()))
     region = np.array(list(surface.region.values()))
     nodes, renumbered = np.unique(faces, return_inverse=True)
@@ -248,13 +250,13 @@ def boundary_of(
     features: Features,
     tag_of: dict[int, int],
 ) -> Boundary:
-    """A boundary of nodes and triangles.
+    """Create a boundary from nodes and triangles.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
         faces: Outward triangles, shape (triangles, 3).
-        region: Their regions, shape (triangles,).
-        corner: Which nodes are corners, shape (nodes,).
+        region: Regions of the triangles, shape (triangles,).
+        corner: Flags of corner nodes, shape (nodes,).
         sizes: Wanted at nodes (length), shape (nodes,).
         features: What is kept.
         tag_of: Tags of regions.

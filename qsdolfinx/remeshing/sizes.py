@@ -37,7 +37,7 @@ Size = (
 
 
 def check_size(msh: mesh.Mesh, size: typing.Any) -> None:
-    """Refuse what is no size.
+    """Raise an error for an argument that is not a size.
 
     Raises:
         TypeError: If it is neither a number nor a function nor a list of these.
@@ -55,7 +55,7 @@ def check_size(msh: mesh.Mesh, size: typing.Any) -> None:
 
 
 def kinds(size: typing.Any) -> str:
-    """What a size is, which has to be the same on all ranks."""
+    """Kind of a size, which must be the same on all ranks."""
     if isinstance(size, (list, tuple)):
         return "[" + ", ".join(kinds(one) for one in size) + "]"
     if isinstance(size, fem.Function):
@@ -68,11 +68,11 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
 
     Args:
         msh: The mesh.
-        x: Where its nodes are, shape (geometry nodes, 3).
-        size: As :func:`qs.remesh` takes it.
+        x: Coordinates of its nodes, shape (geometry nodes, 3).
+        size: Size as in :func:`qs.remesh`.
 
     Raises:
-        ValueError: If one is not positive and finite, or of another shape.
+        ValueError: If a size is not positive and finite, or has a wrong shape.
     """
     if isinstance(size, (list, tuple)):
         return np.asarray(np.min([nodal_sizes(msh, x, one) for one in size], axis=0))
@@ -91,7 +91,7 @@ def nodal_sizes(msh: mesh.Mesh, x: Array, size: typing.Any) -> Array:
 
 
 def _least_at_nodes(size: fem.Function) -> Array:
-    """Least of the values that the cells of this rank have at the nodes of the mesh. Collective."""
+    """Smallest value at each node of the mesh, over the cells at this node. Collective."""
     msh = size.function_space.mesh
     of_cells = fem.Function(fem.functionspace(msh, ("DG", 1)))
     of_cells.interpolate(size)
@@ -118,7 +118,7 @@ def at_nodes(function: fem.Function) -> Array:
 
 
 def limit_growth(outline: Outline, gradation: float) -> Outline:
-    """The outline with sizes that grow from node to node no faster than by a part of the way."""
+    """Limit the growth of sizes from node to node to a part of their distance."""
     pairs = {(i, j) for i in range(outline.gdim + 1) for j in range(i)}
     a, b = np.unique(
         np.sort(np.concatenate([outline.cells[:, p] for p in pairs]), axis=1), axis=0
@@ -173,7 +173,7 @@ def _keys(msh: mesh.Mesh) -> npt.NDArray[np.int64]:
 
 
 def _curved(outline: Outline, angle: float) -> Array:
-    """Radius times angle at the nodes; inf where nothing is curved."""
+    """Radius of curvature times angle at the nodes; inf on flat parts."""
     x, facets = outline.x, outline.facets
     out = np.full(len(x), np.inf)
     corners = x[facets]
@@ -313,7 +313,7 @@ def _assembled(form: typing.Any) -> Array:
 
 
 def where(body: mesh.Mesh | fem.Function) -> tuple[mesh.Mesh, Array]:
-    """The mesh of a body, and where its nodes are: displaced if it is given by a displacement.
+    """The mesh of a body, and the coordinates of its nodes, displaced if a displacement is given.
 
     Collective.
 

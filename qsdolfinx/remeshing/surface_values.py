@@ -1,4 +1,4 @@
-"""Values at the nodes of an old contact surface, found again on a new one."""
+"""Transfer values at the nodes of an old contact surface to a new surface."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Array = npt.NDArray[np.float64]
 
 
 class SurfaceValues(typing.NamedTuple):
-    """Values at the nodes of a surface, where that was when they were read.
+    """Nodal values of a surface, with the position of the surface when they were read.
 
     Attributes:
         surface: The surface, of degree 1.
-        coordinates: Where it was.
+        coordinates: Its position.
         values: At the owned nodes, shape (nodes, n).
     """
 
@@ -31,16 +31,16 @@ class SurfaceValues(typing.NamedTuple):
 
     @classmethod
     def of(cls, surface: Surface, values: Array) -> SurfaceValues:
-        """Values of a surface as it was read last. Collective at first."""
+        """Values of a surface at the position where it was read last. Collective at first."""
         linear = surface.linear
         return cls(linear, linear.coordinates, values)
 
     def on(self, new: Surface) -> Array:
-        """Means of the values with the weights N_k of another surface there. Collective.
+        """Means of the values, weighted by the shape functions N_k of another surface. Collective.
 
-        v_k = ∫ N_k v / ∫ N_k over what the two have in common, on the overlay of their facets: that
-        keeps ∫ v to rounding where all of the new surface is on the old one. A node that has
-        nothing of the old surface has 0.
+        v_k = ∫ N_k v / ∫ N_k over the common part of both surfaces, on the overlay of their facets.
+        This keeps ∫ v up to rounding errors if the whole new surface lies on the old one. Nodes
+        without any part of the old surface have 0.
 
         Args:
             new: The surface.
@@ -88,7 +88,7 @@ class SurfaceValues(typing.NamedTuple):
         return bool(min(new.comm.allgather(same)))
 
     def _mirror(self) -> _cpp.Surface:
-        """The old facets turned round, so that they face the new ones. Collective."""
+        """The old facets with reversed orientation, so that they face the new ones. Collective."""
         old = self.surface
         x, inside, _ = self.coordinates
         dofs, owner = old.trace_dofs

@@ -20,16 +20,17 @@ from qsdolfinx.remeshing.sizes import where
 
 Array = npt.NDArray[np.float64]
 
-#: Part of the mesh's size within which a point is in a cell.
+#: Tolerance for a point in a cell, over the mesh's size.
 WITHIN = 1e-10
 
-#: How far a mesh goes aside, over its largest cell, and whereto: along no face of a usual mesh.
+#: Shift of a mesh, over its largest cell, and its direction, which is parallel to no face of a
+#: usual mesh.
 ASIDE, _SOMEWHERE = 1e-6, np.array([0.53, 0.71, 0.46])
 
 #: Size of the largest cell of a mesh that is magnified.
 LARGE = 1e3
 
-#: How far off 1 the number one may come over.
+#: Largest error of the constant function 1 after the transfer.
 ONE = 1e-6
 
 SPACE = instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace")
@@ -62,7 +63,7 @@ def transfer(
             are at the same position.
         reach: Largest distance of a point from all old cells (length); by default the largest size
             of an old cell.
-        axisymmetric: Whether coordinates are (r, z), and integrals those over rings.
+        axisymmetric: Whether coordinates are (r, z), and integrals are over rings.
 
     Returns:
         The function in ``V_new``.
@@ -101,12 +102,12 @@ def _mesh_of(function: fem.Function) -> mesh.Mesh:
 
 
 def _num_parts(V: fem.FunctionSpace) -> int:
-    """Spaces of a mixed one, 0 of another."""
+    """Number of sub-spaces of a mixed space, 0 for another space."""
     return 0 if V.dofmap.dof_layout.block_size > 1 else int(V.num_sub_spaces)
 
 
 def _transfer(function: fem.Function, out: fem.Function, reach: float, axisymmetric: bool) -> None:
-    """Write the function into that on the other mesh. Collective."""
+    """Write the function to the function on the other mesh. Collective."""
     V, V_new = function.function_space, out.function_space
     for i in range(_num_parts(V)):
         part, places = V_new.sub(i).collapse()
@@ -129,7 +130,7 @@ def _transfer(function: fem.Function, out: fem.Function, reach: float, axisymmet
 
 @contextlib.contextmanager
 def _displaced(msh: mesh.Mesh, displacement: fem.Function | None) -> typing.Iterator[None]:
-    """The mesh where the displacement puts it, inside the block."""
+    """Move the mesh by the displacement, inside the block."""
     if displacement is None:
         yield
         return
@@ -143,11 +144,11 @@ def _displaced(msh: mesh.Mesh, displacement: fem.Function | None) -> typing.Iter
 
 @contextlib.contextmanager
 def _aside(old: mesh.Mesh, new: mesh.Mesh) -> typing.Iterator[float]:
-    """Both meshes magnified, and the old one a little aside, inside the block.
+    """Magnify both meshes, and shift the old one slightly, inside the block.
 
-    A point of the new mesh on a face between two old cells would else take the values of the one
-    that is found first, which depends on how the mesh is cut. DOLFINx takes points within 1e-6, in
-    whatever unit, for points of a cell.
+    Otherwise a point of the new mesh on a face between two old cells would use the values of the
+    cell that is found first, which depends on the partition. DOLFINx takes points within 1e-6, in
+    any unit, as points of a cell.
     """
     before, scale = (old.geometry.x.copy(), new.geometry.x.copy()), LARGE / _largest_cell(old)
     shift = np.where(np.arange(3) < old.geometry.dim, _SOMEWHERE, 0.0)
@@ -160,19 +161,19 @@ def _aside(old: mesh.Mesh, new: mesh.Mesh) -> typing.Iterator[float]:
 
 
 def _largest_cell(msh: mesh.Mesh) -> float:
-    """Longest distance of two nodes of a cell. Collective."""
+    """Largest distance between two nodes of a cell. Collective."""
     x = msh.geometry.x[cell_nodes(msh)]
     pairs = np.linalg.norm(x[:, :, None] - x[:, None], axis=-1)
     return float(msh.comm.allreduce(pairs.max(initial=0.0), op=MPI.MAX))
 
 
 class Search:
-    """Finds where points of one mesh are on another.
+    """Find the positions of points of one mesh in another mesh.
 
     Args:
-        old: The mesh that fields are on.
-        new: The mesh that they are to be found on.
-        reach: How far from all cells a point may be (length).
+        old: Mesh of the fields.
+        new: Mesh to which the fields are transferred.
+        reach: Largest distance of a point from all cells (length).
     """
 
     def __init__(self, old: mesh.Mesh, new: mesh.Mesh, reach: float) -> None:

@@ -1,4 +1,4 @@
-"""A closed surface of triangles whose edges can be split, collapsed and turned."""
+"""Closed triangulated surface whose edges can be split, collapsed and flipped."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ Indices = npt.NDArray[np.int64]
 Point = tuple[float, float, float]
 Face = tuple[int, int, int]
 
-#: Cosine of the largest angle by which a change of the surface may turn triangles.
+#: Cosine of the largest angle by which a change of the surface may rotate triangles.
 TURNS = math.cos(math.radians(25))
 
-#: Shape, 1 at best, below which no change may bring a triangle that was better.
+#: Quality, 1 is best, below which no change may reduce a triangle of better quality.
 LEAST_SHAPE = 0.1
 
-#: How far a line may be moved by leaving out a node of it, in sizes of the cells there.
+#: Largest distance by which removing a node may move a line, in units of the local cell size.
 OFF_LINE = 0.05
 
-#: Longest and shortest edges, in units of the size wanted, that are left as they are.
+#: Largest and smallest length of edges, in units of the requested size, that are not changed.
 LONG, SHORT = 4 / 3, 4 / 5
 
-#: Angles (radians) that face an edge together from which on it is turned.
+#: Sum of the angles (radians) opposite to an edge above which the edge is flipped.
 FACING = math.pi + 1e-6
 
 
 class Triangulation:
-    """A closed surface, changed edge by edge; lines, corners and regions stay.
+    """Closed surface that is changed edge by edge; lines, corners and regions are kept.
 
     Args:
         x: Coordinates of nodes, shape (nodes, 3).
@@ -60,7 +60,7 @@ class Triangulation:
             self.on_line[b].add(a)
         self._next = len(self.faces)
 
-    # --- Questions
+    # --- Queries
 
     def edges(self) -> list[Edge]:
         """All edges, the smaller node first, ascending."""
@@ -72,17 +72,17 @@ class Triangulation:
         return sorted(found)
 
     def excess(self, edges: list[Edge]) -> Array:
-        """Lengths of edges in units of the size wanted there."""
+        """Lengths of edges in units of the requested size there."""
         x, h, pairs = np.array(self.x), np.array(self.sizes), np.array(edges).reshape(-1, 2)
         length = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
         return np.asarray(length / (h[pairs].mean(axis=1)))
 
     def _length(self, a: int, b: int) -> float:
-        """Length over the size wanted."""
+        """Length over the requested size."""
         return math.dist(self.x[a], self.x[b]) / (0.5 * (self.sizes[a] + self.sizes[b]))
 
     def neighbours(self, node: int) -> set[int]:
-        """Nodes that share an edge with one."""
+        """Nodes that share an edge with a node."""
         return {other for number in self.star[node] for other in self.faces[number]} - {node}
 
     def _opposite(self, number: int, a: int, b: int) -> int:
@@ -171,14 +171,14 @@ class Triangulation:
         return True
 
     def _off_line(self, node: int, first: int, second: int) -> float:
-        """Distance of a node from a segment over the size wanted."""
+        """Distance of a node from a segment, over the requested size."""
         p, d = self.x[first], _minus(self.x[second], self.x[first])
         e = _minus(self.x[node], p)
         t = min(max(_dot(e, d) / max(_dot(d, d), 1e-300), 0.0), 1.0)
         return math.dist(e, (t * d[0], t * d[1], t * d[2])) / self.sizes[node]
 
     def _may_become(self, old: list[Face], new: list[Face]) -> bool:
-        """Whether triangles may be replaced: none turns far, none becomes flat."""
+        """Whether triangles may be replaced: none rotates too far, none becomes flat."""
         before = [self._normal(face) for face in old]
         worst = min(self.shape(face) for face in old)
         for face in new:
@@ -190,14 +190,14 @@ class Triangulation:
         return True
 
     def _normal(self, face: Face) -> Point:
-        """Unit normal; 0 of a triangle without area."""
+        """Unit normal; 0 for a triangle without area."""
         a, b, c = (self.x[node] for node in face)
         n = _cross(_minus(b, a), _minus(c, a))
         size = math.sqrt(_dot(n, n))
         return (n[0] / size, n[1] / size, n[2] / size) if size > 0 else (0.0, 0.0, 0.0)
 
     def shape(self, face: Face) -> float:
-        """Shape of a triangle: 1 at best, 0 flat."""
+        """Quality of a triangle: 1 is best, 0 is flat."""
         a, b, c = (self.x[node] for node in face)
         u, v, w = _minus(b, a), _minus(c, a), _minus(c, b)
         n = _cross(u, v)
@@ -219,7 +219,7 @@ class Triangulation:
                 self._add(_replaced(face, a, b), region)
 
     def turn_edges(self) -> int:
-        """Turn edges that face large angles, as Delaunay asks for; returns how many."""
+        """Flip edges by the Delaunay criterion; returns how many."""
         count = 0
         for a, b in self.edges():
             if _edge(a, b) in self.lines or not self._is_edge(a, b):
@@ -250,7 +250,7 @@ class Triangulation:
         n = _cross(u, v)
         return math.atan2(math.sqrt(_dot(n, n)), _dot(u, v))
 
-    # --- Keeping the books
+    # --- Data structures
 
     def _add(self, face: Face, region: int) -> None:
         self.faces[self._next], self.region[self._next] = face, region

@@ -1,4 +1,4 @@
-"""Arguments of ContactProblem: what can be told before anything is built."""
+"""Check the arguments of ContactProblem, as far as possible before anything is built."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class Given(typing.NamedTuple):
     def from_arguments(
         F: typing.Any, u: typing.Any, contacts: typing.Any, bcs: typing.Any, J: typing.Any
     ) -> Given:
-        """One body may be given as itself, one contact too; conditions in one list or in several.
+        """Convert arguments to lists: single bodies and contacts, conditions in one or more lists.
 
-        What fits nowhere stays as it is, for the checks to name.
+        Arguments of a wrong kind are left unchanged, so that the checks can name them.
         """
         if isinstance(u, fem.Function):
             u = [u]
@@ -59,7 +59,7 @@ class Given(typing.NamedTuple):
         return list(zip(self.F, self.u, self.bcs, self.J, strict=True))
 
     def with_lists(self) -> Given:
-        """The same with conditions sorted by bodies, and entries for what is left out."""
+        """Copy with the conditions sorted by body, and with entries for omitted arguments."""
         text = f"F: must have one entry for each of the {len(self.u)} bodies in u"
         require(len(self.F) == len(self.u), text)
         J = [None for _ in self.u] if self.J is None else self.J
@@ -72,7 +72,7 @@ class Given(typing.NamedTuple):
 def _by_body(
     u: typing.Sequence[fem.Function], bcs: typing.Sequence[typing.Any]
 ) -> list[list[fem.DirichletBC]]:
-    """Conditions of one list, sorted by the bodies on whose spaces they are."""
+    """Sort the conditions of one list by the body whose space they are on."""
     out: list[list[fem.DirichletBC]] = [[] for _ in u]
     text = "bcs: must be one list of dolfinx.fem.DirichletBC, or a list for each body, not both"
     require(_all(fem.DirichletBC, bcs), text, TypeError)
@@ -85,7 +85,7 @@ def _by_body(
 
 
 def communicator(u: typing.Any) -> MPI.Intracomm:
-    """Communicator of the first body, to agree on errors with."""
+    """Communicator of the first body, over which the ranks agree on errors."""
     check(BODIES, u=u)
     comm: MPI.Intracomm = u[0].function_space.mesh.comm
     return comm
@@ -98,7 +98,7 @@ def check_bodies(
     bcs: typing.Sequence[typing.Sequence[fem.DirichletBC]],
     J: typing.Sequence[ufl.Form | None],
 ) -> None:
-    """Refuse lists that no problem can be made of."""
+    """Raise an error for lists from which no problem can be built."""
     for name, given in (("F", F), ("bcs", bcs), ("J", J)):
         text = f"{name}: must have one entry for each of the {len(u)} bodies in u"
         require(len(given) == len(u), text)
@@ -130,7 +130,7 @@ def check_bodies(
 
 
 def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None:
-    """Refuse contacts that a problem other than this one has gone on with."""
+    """Raise an error for contacts that another problem has used since."""
     for i, contact in enumerate(contacts):
         other = None if contact.problem is None else contact.problem()
         require(
@@ -142,7 +142,7 @@ def check_free(contacts: typing.Sequence[ContactModel], problem: object) -> None
 
 
 def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[Contact]) -> None:
-    """Refuse contacts of no body of ours, or that disagree on what a body's unknowns are."""
+    """Raise an error for contacts of other bodies, or that disagree on the unknowns of a body."""
     known: dict[int, float] = {}
     for contact in contacts:
         surfaces = ("slave", contact.slave), ("master", contact.master)
@@ -153,13 +153,13 @@ def _check_unknowns(u: typing.Sequence[fem.Function], contacts: typing.Sequence[
                 text = f"contacts: the {name} surface of a contact is on the space of none of u"
                 raise ValueError(text) from None
             if i is not None and contact.model.is_scalar:
-                continue  # a field on the body says nothing of how it moves
+                continue  # a scalar field on the body does not show how the body moves
             alike = i is None or known.setdefault(i, scale) == scale
             require(alike, f"contacts: must agree on whether u[{i}] is a velocity, and on dt")
 
 
 def _check_form(name: str, i: int, form: typing.Any, rank: int, u: fem.Function) -> None:
-    """Refuse what is not a form of this rank on the body's space."""
+    """Raise an error for an argument that is not a form of this rank on the body's space."""
     check(instance(ufl.Form, "a UFL form"), **{f"{name}: entry {i}": form})
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     what = "a test function" if rank == 1 else "a test and a trial function"

@@ -1,4 +1,4 @@
-"""A solve by one Newton's method on bodies, multipliers and tools at once."""
+"""Solve for bodies, multipliers and tools together by one Newton's method."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Times that a solve goes on where other nodes have multipliers, or other vertices points.
+#: Most times that a solve is continued after the nodes with multipliers, or the vertices with
+#: contact quadrature points, have changed.
 MOST_OTHERS = 5
 
 
@@ -36,34 +37,34 @@ UNSETTLED = (
 
 
 class AtOnce:
-    """Solves a problem by Newton's method on R(z) = 0, see :class:`qs.Equations`.
+    """Solve a problem by Newton's method on R(z) = 0, see :class:`qs.Equations`.
 
-    The first solve begins where springs would hold bodies and tools; later ones with the
-    multipliers of the last, from where the bodies' unknowns are, and if that fails from where
-    these were when the step began.
+    The first solve begins at the equilibrium of bodies and tools on springs. Later solves begin
+    with the multipliers of the last solve and the present unknowns of the bodies. If that fails,
+    they begin with the unknowns at the start of the step.
 
     Args:
-        newton: The solver whose system, record and SNES it is.
+        newton: Solver whose system, record and SNES are used.
     """
 
     def __init__(self, newton: Newton) -> None:
         self._newton, self._system = newton, newton.system
         self._start: list[Array] | None = None
-        #: Whether the solve knows no multipliers.
+        #: Whether the solve starts without known multipliers.
         self._is_cold = True
-        #: Whether the last solve was of the same step.
+        #: Whether the last solve was for the same step.
         self._again = False
         #: Why the last solve has failed, one of PETSc's reasons.
         self.reason = LATE
-        #: One of its linear solver, if that has failed; 0 otherwise.
+        #: Reason of its linear solver, if that has failed; 0 otherwise.
         self.linear_reason = 0
 
     @property
     def fits(self) -> bool:
-        """Whether it is what solves: not the paper's own method, a penalty by the nodal rule.
+        """Whether this method is used, rather than the paper's own penalty with nodal quadrature.
 
-        That keeps the condensed blocks where bodies are linear, or SNES is the user's; and so do
-        bodies without contact.
+        The paper's method keeps the condensed blocks if bodies are linear or the user has chosen
+        SNES options. Bodies without contact keep them, too.
         """
         contacts = self._system.contacts
         if contacts and not are_condensed(contacts):
@@ -71,17 +72,17 @@ class AtOnce:
         return not (self._system.linear or self._newton.has_users_snes)
 
     def begin_step(self) -> None:
-        """Remember the unknowns: solves of the step that fail are begun again from there."""
+        """Store the unknowns: solves of the step that fail are restarted from them."""
         self._start = [body.u.x.array.copy() for body in self._system.bodies]
         self._again = False
 
     def solve(self, stiffness: float | None = None) -> bool:
-        """Solve from the system's unknowns; whether it has found a solution. Collective.
+        """Solve from the system's unknowns; returns whether a solution was found. Collective.
 
-        Without one all is as before, but for tools that forces drive.
+        Without a solution, everything is as before, except force-controlled tools.
 
         Args:
-            stiffness: Of springs that vanish with the residual, as for :class:`Balance`.
+            stiffness: Stiffness of springs that vanish with the residual, as for :class:`Balance`.
         """
         newton, system = self._newton, self._system
         known = [multipliers.known(contact) for contact in system.contacts]
@@ -124,11 +125,11 @@ class AtOnce:
         return True
 
     def _are_others_allowed(self) -> bool:
-        """Whether bodies have slid to nodes that are allowed their overclosure. Collective."""
+        """Whether bodies have slid to nodes whose initial overclosure is allowed. Collective."""
         return any([overclosed.follow_bodies(contact) for contact in self._system.contacts])
 
     def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
-        """Remember why there is no solution."""
+        """Store the reason why there is no solution."""
         self.reason, self.linear_reason = LATE, 0
         if isinstance(error, NoGapError):
             self._newton.note_unseen(str(error))
@@ -153,7 +154,7 @@ class AtOnce:
         return z
 
     def _begin(self, equations: Equations) -> Array:
-        """Unknowns to begin with. Collective."""
+        """Initial unknowns. Collective."""
         system = equations.system
         z = equations.first()
         warm = any(bool(np.any(gap.state.augmented)) for gap in system.gaps)
@@ -173,7 +174,7 @@ class AtOnce:
         )
 
     def _has_moved(self) -> bool:
-        """Whether the step began elsewhere than the solve. Collective."""
+        """Whether unknowns at the start of step and solve differ. Collective."""
         if self._start is None:
             return False
         moved = any(
@@ -183,7 +184,7 @@ class AtOnce:
         return bool(self._system.comm.allreduce(moved, op=MPI.LOR))
 
     def _begin_again(self, equations: Equations, z: Array) -> Array:
-        """The same multipliers, where the bodies were when the step began."""
+        """Unknowns with the same multipliers, and the bodies' unknowns at the start of the step."""
         assert self._start is not None
         x = equations.unknowns_of(self._start)
         none = np.zeros(len(equations.tools))
@@ -191,7 +192,7 @@ class AtOnce:
 
 
 def are_condensed(contacts: typing.Sequence[ContactModel]) -> bool:
-    """Whether contacts are those of the paper, frictionless and without driven tools."""
+    """Whether contacts are those of the paper, frictionless and without force-controlled tools."""
     return all(
         contact.settings.sampling.quadrature == "nodal"
         and not (contact.augmented or contact.follows or contact.friction or contact.is_scalar)

@@ -1,4 +1,4 @@
-"""Whether unknowns solve R(z) = 0: forces in balance, constraints met, tools in balance."""
+"""Check whether unknowns solve R(z) = 0: balance of forces, constraints, balance of tools."""
 
 from __future__ import annotations
 
@@ -19,22 +19,25 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Most springs of bodies that have no condition at all, over the diagonal of their stiffness.
+#: Largest stiffness of the springs of bodies without any Dirichlet condition, over the diagonal of
+#: the stiffness matrix of the body.
 SPRINGS = 1e-4
 
-#: Springs, over that diagonal, of bodies that some conditions and closed rows leave a rigid motion.
+#: Stiffness of the springs, over that diagonal, of bodies that have some conditions, if these and
+#: the active constraints leave a rigid motion free.
 UNHELD = 1e-3
 
-#: Residual, relative to contact forces, from which on rows at points are less and less soft.
+#: Residual, relative to contact forces, below which the regularisation of constraints at contact
+#: quadrature points decreases.
 LITTLE = 1e-2
 
 #: Unbalanced force of a tool over the force that drives it.
 RTOL_TOOLS = 1e-8
 
-#: Iterations within what rounding leaves after which a solve ends, even if steps are halved there.
+#: Number of iterations within rounding level after which a solve ends, even if steps are halved.
 MOST_REFINED = 10
 
-#: What rounding leaves of forces and gaps, in units in the last place of the largest coordinate.
+#: Rounding errors of forces and gaps, in units in the last place of the largest coordinate.
 ROUNDING = 50 * np.finfo(np.float64).eps
 
 
@@ -43,12 +46,12 @@ class Iterate(typing.NamedTuple):
 
     Attributes:
         residual: |R_u|.
-        forces: The same over the contact forces.
+        forces: |R_u| over the contact forces.
         constraints: Largest complementarity residual over the largest multiplier.
         tools: Largest unbalanced force of a tool over the force that drives it.
-        active: Closed rows over all ranks.
-        sticking: Of these those that stick.
-        step: Part of the step that was taken to get here; NaN where PETSc has taken it.
+        active: Active constraints over all ranks. sticking: Number of active constraints that
+            stick.
+        step: Part of the Newton step that led to this iterate; NaN if PETSc took the step.
     """
 
     residual: float
@@ -60,23 +63,24 @@ class Iterate(typing.NamedTuple):
     step: float
 
 
-#: Part of what was left so many iterations before, above which it falls slowly:
+#: The residual falls slowly if it is larger than this part of its value so many iterations before:
 #: ``tests/sliding/test_pads.py``, strong friction.
 SLOW, SOME = 0.5, 6
 
 
 class Balance:
-    """Measures iterates, and knows which one solves the equations.
+    """Measure iterates, and decide whether they solve the equations.
 
-    |R_u| is to be below ``snes_rtol`` of the contact forces, what gaps stand for in stress below
-    that of the largest multiplier, and unbalanced forces on tools below 1e-8 of those that drive
-    them; none of them below what rounding leaves.
+    The tolerances are: |R_u| below ``snes_rtol`` of the contact forces, gaps converted to stress
+    below this part of the largest multiplier, and unbalanced forces on tools below 1e-8 of the
+    prescribed forces. No tolerance is below rounding level.
 
     Args:
         equations: The equations.
-        newton: Whose tolerances it has.
-        stiffness: Most springs of bodies that conditions leave a rigid motion, over the diagonal of
-            their stiffness; by default of those without any condition alone.
+        newton: Solver whose tolerances are used.
+        stiffness: Largest stiffness of the springs of bodies that conditions leave a rigid motion,
+            over the diagonal of the stiffness matrix; by default, only bodies without any condition
+            have springs.
     """
 
     def __init__(
@@ -85,39 +89,40 @@ class Balance:
         self._stiffness = stiffness
         self._equations = equations
         self._rtol, self._atol, _, _ = newton.snes.getTolerances()
-        #: Largest unknown of each body that is a displacement, and what rounding is a part of where
-        #: the form is not linear: a cell, strained by 1.
+        #: Largest size of each body's displacements for rounding, and the size that rounding is
+        #: relative to if the form is not linear: a cell, at strain 1.
         self._sizes = [_sizes_of(equations.system, i) for i in range(len(equations.system.bodies))]
         self.begin()
 
     def begin(self) -> None:
-        """Begin with a solve."""
-        #: Its iterates.
+        """Reset everything at the start of a solve."""
+        #: Iterates of the solve.
         self.history: list[Iterate] = []
-        #: Whether gaps are all that the last iterate lacks.
+        #: Whether gaps are the only criterion that the last iterate does not meet.
         self.lacks_closure = False
-        #: Norm of forces with which the solve ends.
+        #: Norm of forces at which the solve ends.
         self.until = 0.0
         #: Largest gap (length) that multipliers have left at the last iterate, over all ranks.
         self.open_gap = 0.0
-        #: Iterates so far when a step was last cut.
+        #: Number of iterates when a step was last shortened.
         self._cut_after = 0
         self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
-        #: Closed rows of each pass at the last iterate, and those that stick; and whether the one
-        #: before had the same.
+        #: Active and sticking constraints of each integration side at the last iterate, and whether
+        #: these sets are unchanged since the iterate before.
         self._sets: list[npt.NDArray[np.bool_]] = []
         self.keeps_its_set = False
         #: Largest residual and contact forces of the solve so far.
         self._seen: Array = np.zeros(2)
-        #: Largest multiplier of the last iterate: a step from there leaves rounding of it.
+        #: Largest multiplier of the last iterate: a step from there has rounding errors of this
+        #: size.
         self._last = 0.0
 
     def is_found(self, at: State, step: float) -> bool:
-        """Whether an evaluation's unknowns solve the equations; notes the iterate. Collective.
+        """Whether an evaluation's unknowns solve the equations; stores the iterate. Collective.
 
         Args:
             at: The evaluation.
-            step: For the iterate.
+            step: Part of the Newton step, for the iterate.
         """
         equations, comm = self._equations, self._equations.system.comm
         if step < 1:
@@ -175,7 +180,7 @@ class Balance:
         self.until = max(self.until, float(ROUNDING * rounded))
         floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
-        # An iteration more, as a refinement, makes the most of what rounding leaves: a whole one.
+        # One more iteration with a full step, as a refinement, reduces the error to rounding level.
         self._times_in_floor = self._times_in_floor + 1 if in_floor else 0
         refined = self._times_in_floor > (MOST_REFINED if step < 1 else 1)
         if in_floor and (refined or largest[1] == 0):
@@ -186,25 +191,25 @@ class Balance:
         return bool(balanced and met and closed)
 
     def _sizes_in(self, at: State, i: int) -> Array:
-        """Size of body i's free unknowns, or of those that its residual counts from."""
+        """Size of body i's free unknowns, or of its residual's reference unknowns if larger."""
         body = self._equations.system.bodies[i]
         sizes = np.maximum(np.abs(self._equations.part(at.z, i)), body.reference)
         return np.asarray(sizes[body.free])
 
     @property
     def _may_go_far(self) -> bool:
-        """Whether a step may pass what it will meet: nothing but gaps changes on the way."""
+        """Whether a step may go beyond contact onset: only gaps change along the step."""
         follows = any(p.gap.following is not None for p in self._equations.passes)
         return self._equations.system.linear and not follows
 
     def _spring_of(self, R: Array, free: Array) -> float:
-        """Springs, over the diagonal, that let bodies go as far as they are large. Collective.
+        """Stiffness (over the diagonal) of springs that let bodies move by their size. Collective.
 
-        Stiffer ones hold a body that has been let go where it is.
+        Stiffer springs would hold a body in place that has been released.
 
         Args:
-            R: What is not balanced.
-            free: Motions that closed rows leave.
+            R: Unbalanced forces.
+            free: Rigid motions that active constraints leave free.
         """
         equations, comm = self._equations, self._equations.system.comm
         rigid, bodies = equations.system.made.rigid, equations.system.bodies
@@ -221,17 +226,17 @@ class Balance:
         return float(np.max(np.abs(work) * length / (stiffness * size)))
 
     def _are_closed(self, at: State) -> bool:
-        """Whether no multiplier leaves a gap that is more than its contact allows. Collective."""
+        """Whether no gap under a multiplier is larger than its contact allows. Collective."""
         open_, allowed = np.zeros(len(at.passes)), np.full(len(at.passes), np.inf)
         for i, (p, e) in enumerate(zip(self._equations.passes, at.passes, strict=True)):
-            if not p.model.is_scalar:  # whose jumps are no lengths
+            if not p.model.is_scalar:  # jumps of scalar fields are not lengths
                 open_[i], allowed[i] = p.rows.open_gap(e), p.model.allowed_gap
         self._equations.system.comm.Allreduce(MPI.IN_PLACE, open_, op=MPI.MAX)
         self.open_gap = float(open_.max(initial=0.0))
         return bool(np.all(open_ <= allowed))
 
     def num_closed(self, at: State) -> list[int]:
-        """Closed rows of each contact on this rank.
+        """Active constraints of each contact on this rank.
 
         Args:
             at: The evaluation.
@@ -243,17 +248,18 @@ class Balance:
 
     @property
     def shift(self) -> tuple[float, float]:
-        """Springs for ``Derivative.of``; most of them vanish with the residual.
+        """Stiffness of the springs for ``Derivative.of``; most of it vanishes with the residual.
 
-        Stiffer ones hold bodies that have some condition where closed rows leave them a rigid
-        motion: as long as forces are far from balanced, they would go anywhere.
+        Stiffer springs hold bodies with some conditions, if active constraints leave them a rigid
+        motion: while forces are far from balance, these bodies could move arbitrarily far.
         """
         some, none = REGULAR, max(REGULAR, SPRINGS * self._left)
         if self._stiffness is not None:
             some = none = max(REGULAR, self._stiffness * self._left)
         if not self._is_held:
-            # Over the largest contact forces of the solve: those of now may have vanished. Bodies
-            # that have been let go have had none in all of it.
+            # Relative to the largest contact forces of the solve, because the present forces may
+            # have vanished. Bodies that have been released had no contact forces in the whole
+            # solve.
             now, (residual, forces) = self.history[-1], self._seen
             largest = forces if forces > 0 else residual
             unbalanced = now.residual / largest if largest > 0 else 0.0
@@ -262,7 +268,7 @@ class Balance:
 
     @property
     def is_far(self) -> bool:
-        """Whether much is left of the residual, unless it falls slowly in steps that are whole."""
+        """Whether the residual is still large, and does not fall slowly in full steps."""
         if len(self.history) < 2:
             return True
         before, now = (
@@ -274,7 +280,7 @@ class Balance:
 
     @property
     def proximal(self) -> float:
-        """For ``Equations.set_proximal``: its most until little is left, or the set stays."""
+        """Value for ``Equations.set_proximal``; reduced with the residual, or if the set stays."""
         if self.keeps_its_set:
             return LEAST_PROXIMAL
         if len(self.history) < 2:
@@ -285,7 +291,7 @@ class Balance:
 
     @property
     def _left(self) -> float:
-        """What is left of the residual; a solve begins where springs have put the bodies."""
+        """Part of the residual that is left; a solve begins where springs have put the bodies."""
         if len(self.history) < 2:
             return 0.0
         now, first = self.history[-1], self.history[0]

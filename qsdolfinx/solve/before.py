@@ -1,4 +1,4 @@
-"""What was before a solve, to be put back when that is interrupted."""
+"""Store the state before a solve, to restore it when the solve is interrupted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 
 class Before:
-    """Unknowns, tools and contacts as they are when this is made.
+    """Copy of unknowns, tools and contacts at the time of creation.
 
     Args:
         system: The system.
@@ -22,11 +22,11 @@ class Before:
         self._contacts = [ContactState(contact) for contact in system.contacts]
 
     def restore(self) -> None:
-        """Put everything back. Collective."""
+        """Restore everything. Collective."""
         for tool, state in self._tools:
             tool.restore(state)
         for contact in self._contacts:
             contact.restore()
         for u, unknowns in zip(self._system.u, self._unknowns, strict=True):
             u.x.array[:] = unknowns
-        self._system.make_stale()  # penalties may be others than those it was made for
+        self._system.make_stale()  # penalties may differ from those of the matrix

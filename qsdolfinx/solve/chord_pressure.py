@@ -1,4 +1,4 @@
-"""Pressures of facets for curves: what chord errors make of the pressure that a solve has found."""
+"""Estimate the error of contact pressures due to chord errors of facets on curved surfaces."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from qsdolfinx.solve.newton import Newton
 
 Array = npt.NDArray[np.float64]
 
-#: Root mean square of the error of pressure by chord errors, over the mean pressure, that is
-#: noticed: ``tests/contact/test_warnings.py``.
+#: Root mean square of the pressure error due to chord errors, over the mean pressure, above which a
+#: solve warns: ``tests/contact/test_warnings.py``.
 NOTICED = 0.1
 
 
 def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
-    """What to say of pressures that are those of polygons. Collective.
+    """Warning text if chord errors of facets make pressures wrong; None otherwise. Collective.
 
-    Where facets of both sides stand for surfaces that are curved the same way, the gap of a node is
-    wrong by δ, the difference to that of the curved surfaces. Pressures are then wrong by what the
-    last tangent says, K du = −Gᵀ S λ' δ and dλ = λ' (δ + G du): what δ varies by from node to node
-    is pressed flat, its mean counts beside what the bodies have closed.
+    Where facets of both sides approximate surfaces that are curved the same way, the gap of a node
+    is wrong by δ, the difference to the gap of the curved surfaces. The resulting pressure error
+    follows from the last tangent, K du = −Gᵀ S λ' δ and dλ = λ' (δ + G du). The variation of δ from
+    node to node is pressed flat; its mean matters in relation to the approach of the bodies.
 
     Args:
         newton: Newton's method, at a solution.
@@ -43,9 +43,9 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
     pressure = _on_nodes(gap, gap.multiplier(model.eps)[:, 0])
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     total, force, squares = _sums(model, area, area * pressure, area * own**2)
-    if total == 0.0 or squares == 0.0 or model.compliance == 0.0:  # or conditions hold all of it
+    if total == 0.0 or squares == 0.0 or model.compliance == 0.0:  # or all nodes are constrained
         return None
-    # More than this they are not wrong by: nodes are stiffest alone.
+    # Upper bound of the error: a node is stiffest if it moves alone.
     if np.sqrt(squares * total) <= NOTICED * model.compliance * force:
         return None
     change = _on_nodes(gap, _response(newton, model, gap.rows.from_nodes(own)))
@@ -66,7 +66,7 @@ def _sums(model: ContactModel, *values: Array) -> Array:
 
 
 def _response(newton: Newton, model: ContactModel, change: Array) -> Array:
-    """How λ of the first pass changes if its gaps are others by this, (rows,). Collective."""
+    """Change of λ on the first integration side for a change of its gaps, (rows,). Collective."""
     system, gap = newton.system, model.gaps[0]
     slope = active_set.slope(model, gap)
     vecs = [body.create_vec() for body in system.bodies]
@@ -84,7 +84,7 @@ def _response(newton: Newton, model: ContactModel, change: Array) -> Array:
         if not system.tangent_fits():
             newton.assemble()
         solution, reason = newton.linear.solve(np.concatenate(parts))
-        if reason < 0:  # as if nodes were stiffest alone
+        if reason < 0:  # as if each node moved alone, which is stiffest
             return np.where(slope > 0, change / model.compliance, 0.0)
         for vec, part in zip(vecs, system.parts(solution), strict=True):
             vec.array[:] = part
@@ -99,7 +99,7 @@ def _on_nodes(gap: WeightedGap, values: Array) -> Array:
 
 
 def _resolved(gap: WeightedGap) -> Array:
-    """Part of the initial gap of each row that counts: allowances are parts of it, (rows,)."""
+    """Part of the initial gap of each constraint that is not allowed for by adjustment, (rows,)."""
     allowance = gap.allowance
     depth = np.maximum(-gap.operator.initial_gap, allowance)
     some = allowance > 0
@@ -116,7 +116,7 @@ def _cure(model: ContactModel) -> str:
 
 
 def _chord_gaps(model: ContactModel) -> Array:
-    """δ at the slave's owned nodes, 0 where nothing is curved the same way. Collective."""
+    """δ at the slave's owned nodes, 0 unless both surfaces are curved the same way. Collective."""
     none = np.zeros(len(model.slave.node_area))
     sampling, master, slave = model.settings.sampling, model.master, model.slave
     sides = (slave,) if master.is_analytic else (slave, master)

@@ -28,7 +28,7 @@ TARGET = number("above 0 and at most 1", lambda m: 0 < m <= 1)
 #: Largest factor between the rate sensitivities of two solves.
 FACTOR = 4.0
 
-#: Smallest part of the way that is tried.
+#: Smallest step of the continuation, relative to the whole.
 SMALLEST_STEP = 1 / 64
 
 
@@ -91,7 +91,7 @@ def solve_with_continuation(
 def _restore(
     problem: ContactProblem, start: typing.Sequence[Array], known: list[list[multipliers.Known]]
 ) -> None:
-    """Put unknowns and multipliers back."""
+    """Restore unknowns and multipliers."""
     for u, array in zip(problem.u, start, strict=True):
         u.x.array[:] = array
     for contact, kept in zip(problem.contacts, known, strict=True):
@@ -124,7 +124,7 @@ def _follow(
 
 
 def _check(constants: typing.Any, values: typing.Any) -> None:
-    """Refuse what is not a list of scalar Constants with as many targets."""
+    """Check that m is a list of scalar Constants, with a target for each."""
     scalar = isinstance(constants, typing.Sequence) and all(
         isinstance(constant, fem.Constant) and constant.value.size == 1 for constant in constants
     )

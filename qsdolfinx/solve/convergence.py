@@ -1,4 +1,4 @@
-"""When Newton's method may end: forces on each body against the forces that act on that body."""
+"""Convergence criteria of Newton's method: residual of each body relative to the forces on it."""
 
 from __future__ import annotations
 
@@ -13,40 +13,42 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Norm of the residual that rounding may leave, over that of eps K_ii x_i.
+#: Norm of the residual due to rounding errors, over the norm of eps K_ii x_i.
 ROUNDING = 50.0
 
-#: Rounding that may be left, over the forces.
+#: Largest acceptable rounding error, over the forces.
 NOTICED = 1e-6
 
-#: Last step over the unknowns, both in the 2-norm, of a method that has come to rest.
+#: Last step over the unknowns, both in the 2-norm, below which the unknowns no longer change.
 RESTING = 1e-4
 
 #: Displacement over the size of a cell, of a body that counts as undeformed.
 UNDEFORMED = 1e-4
 
-#: The same of a body that has flown away: a step that is small beside that is no rest.
+#: The same ratio, above which a body counts as very far away: a step that is small relative to such
+#: a displacement does not mean that the body is at rest.
 FLOWN = 1e6
 
-#: A residual that an iteration leaves above this part has met rounding.
+#: If an iteration reduces the residual by no more than this factor, it has reached rounding level.
 STALLED = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Measures:
-    """Norms, one for each group of rows of each body.
+    """Norms for the convergence test, one for each group of rows of each body.
 
     Attributes:
-        residuals: Of the residual.
-        sizes: Of what acts in these rows: contact forces and reactions; in those of a constraint,
-            such as incompressibility, of the terms that cancel: of the displacement, and what a
-            body at rest has, of the constraint's own unknown.
-        rounding: Of what rounding may leave, of gaps beside coordinates too: a bound, which matters
-            where an iteration no longer helps.
-        settled: Of the same while the active set stays: gaps are changed as displacements are.
-        nothing: Of a residual that is none beside the largest forces on any body.
-        undeformed: Whether the body's displacements are a small part of its cells.
-        flown: Whether they are by far larger.
+        residuals: Norms of the residual.
+        sizes: Norms of the contact forces and reactions in these rows. In the rows of a constraint,
+            such as incompressibility, norms of the terms that cancel: the terms of the displacement
+            and, for a body at rest, the terms of the constraint's own unknown.
+        rounding: Bounds of the rounding errors, including rounding of gaps relative to coordinates.
+            They matter where an iteration no longer reduces the residual.
+        settled: The same bounds while the active set is unchanged: gaps then change with the
+            displacements.
+        nothing: Norms of a residual that is negligible relative to the largest forces on any body.
+        undeformed: Whether the body's displacements are small relative to its cell size.
+        flown: Whether the displacements are far larger than the cell size.
     """
 
     residuals: Array
@@ -58,7 +60,7 @@ class Measures:
     flown: npt.NDArray[np.bool_]
 
     def limits(self, relative: float) -> Array:
-        """Norms with which a run of Newton's method may end, if rounding allows.
+        """Norms at which a run of Newton's method may end, if they are above rounding level.
 
         Args:
             relative: Tolerance, in units of ``sizes``.
@@ -66,16 +68,17 @@ class Measures:
         return np.maximum(relative * self.sizes, self.nothing)
 
     def with_rounding(self, limits: Array, least: Array, forces: Array, rests: bool) -> Array:
-        """The limits, raised to what rounding leaves where an iteration no longer helps.
+        """Raise the limits to rounding level where an iteration no longer reduces the residual.
 
-        Not where that is no small part of the forces, unless the unknowns have come to rest or are
-        so small that rounding is that of an undeformed body, on which nothing may act: the
-        iterates of a method that diverges become so large that rounding hides all forces.
+        The limits are not raised if the rounding level is a large part of the forces: the iterates
+        of a diverging method become so large that rounding hides all forces. There are two
+        exceptions: the unknowns no longer change, or they are so small that rounding is that of an
+        undeformed body, on which possibly no forces act.
 
         Args:
             limits: The limits.
-            least: The least norms of the run so far.
-            forces: What acted, or was not balanced, earlier in the solve.
+            least: Smallest norms of the run so far.
+            forces: Forces that acted, or were not balanced, earlier in the solve.
             rests: Whether the last step was small.
         """
         stalled = self.residuals > STALLED * least
@@ -85,10 +88,10 @@ class Measures:
 
 
 class Convergence:
-    """Measures the residual of a system where it was evaluated last.
+    """Measure the residual of a system at its last evaluation.
 
-    Each body's forces are measured against that body's own contact forces and reactions, so that
-    no unit of length, force or stiffness matters, nor a stiffer body beside it.
+    Each body's forces are measured against that body's own contact forces and reactions, so the
+    units of length, force and stiffness do not matter, nor does a stiffer body next to it.
 
     Args:
         system: The system, with matrices.
@@ -108,7 +111,7 @@ class Convergence:
         """Norms at the last evaluation. Collective.
 
         Args:
-            reactions: Whether to find those of linear bodies, too: F is assembled for that.
+            reactions: Whether to compute the reactions of linear bodies, too; this assembles F.
         """
         bodies = self._system.bodies
         rows, most, moved = [], [], []
@@ -117,7 +120,7 @@ class Convergence:
             residual, acting = self._system.residuals[i], body.force.array_r.copy()
             bound, settled = self._rounding(i, x)
             known = reactions or not body.linear
-            # Contact forces on held unknowns may be anything, without balance.
+            # Contact forces on constrained unknowns are arbitrary, since reactions balance them.
             acting[body.owned_constrained] = body.reactions() if known else 0.0
             own = body.diagonal * x
             own[body.owned_constrained] = 0.0
@@ -138,7 +141,8 @@ class Convergence:
         left = []
         for of_forces in norms[2:4]:
             bound = ROUNDING * eps * np.where(forces, of_forces, sizes)
-            # Velocities that rounding of the forces leaves to a body at rest meet no constraint.
+            # Velocities of a body at rest that are due to rounding of the forces satisfy no
+            # constraint.
             share = np.divide(bound, sizes, out=np.ones(len(bound)), where=sizes > bound)[forces]
             of_body = np.cumsum(forces) - 1
             left.append(np.where(forces, bound, np.maximum(bound, share[of_body] * sizes)))
@@ -147,15 +151,15 @@ class Convergence:
         return Measures(norms[0], sizes, left[0], left[1], nothing, *flags)
 
     def _rounding(self, i: int, x: Array) -> tuple[Array, Array]:
-        """Terms of body i's owned rows of which rounding takes its part: of any, of a settled set.
+        """Terms that rounding errors of body i's owned rows scale with: any set, unchanged set.
 
-        Those of a linear form are K (x - x0); strains of others round beside 1, which counts as a
-        displacement of a cell's size; gaps round beside coordinates, also where rounding opens
-        what the tangent takes for closed.
+        For a linear form these terms are K (x - x0). For other forms, strains have rounding errors
+        relative to 1, which counts as a displacement of one cell size. Gaps have rounding errors
+        relative to coordinates, also where rounding deactivates a constraint that is active in the
+        tangent.
 
         Args:
-            i: The body.
-            x: Magnitude of its owned unknowns.
+            i: Index of the body. x: Magnitude of its owned unknowns.
         """
         body, scale = self._system.bodies[i], self._system.scales[i]
         place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale

@@ -1,4 +1,4 @@
-"""The checks of a solution: all that may be wrong with a contact that has converged."""
+"""Check a converged solution for typical problems of contact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from qsdolfinx.contact.turned import find_turned_tie
 from qsdolfinx.solve.chord_pressure import find_chord_pressure
 from qsdolfinx.solve.newton import Newton
 
-#: Of a solve that stands for itself, in the order in which they are made.
+#: Checks after a single solve, in the order in which they are made.
 OF_A_SOLVE = (
     Check("passed through unseen", find_passed_through, ReachWarning),
     Check("deep corner", find_deep_corners),
@@ -25,18 +25,19 @@ OF_A_SOLVE = (
     Check("edges that cross", find_crossing_edges),
 )
 
-#: Of a step, which looks itself for points that have passed through, and pairs anew as they slide.
+#: Checks after a time step. The time stepper itself checks for points that have passed through, and
+#: updates the contact pairs as they slide.
 OF_A_STEP = tuple(
     check for check in OF_A_SOLVE if check.find not in (find_passed_through, find_slid)
 )
 
 
 def diagnose(newton: Newton, contact: ContactModel, is_step: bool = False) -> None:
-    """Make the checks of a solution, and warn of what they find. Collective.
+    """Run the checks of a solution, and warn of the problems found. Collective.
 
     Args:
         newton: Newton's method, at the solution.
-        contact: One of its contacts.
+        contact: Contact of the system.
         is_step: Whether it is the end of a time step.
     """
     chords = Check(CHORDS, functools.partial(find_chord_pressure, newton))

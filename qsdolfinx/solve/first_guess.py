@@ -1,4 +1,4 @@
-"""First guess for bodies that only contact holds: where their loads press them together."""
+"""First guess for bodies that are supported by contact alone: rigid motion under their loads."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import numpy as np
 from qsdolfinx.solve.foundation import Foundation, Springs
 from qsdolfinx.system.system import ContactSystem
 
-#: No guess is made if contact at the start leaves less than this part of the loads unbalanced.
+#: No guess is made if, at the start, contact leaves less than this part of the loads unbalanced.
 BALANCED = 0.5
 
-#: Parts of the way that are tried where contact that follows the bodies would lose more than a half
-#: of its nodes on it.
+#: Fractions of the motion that are tried if contact with updated geometry would lose more than half
+#: of its nodes in the whole motion.
 PARTS, KEPT = (1.0, 0.5, 0.25, 0.125), 0.5
 
 
 def guess(system: ContactSystem) -> None:
-    """Move ``system.x`` to where rigid bodies would rest on springs, and evaluate. Collective.
+    """Move ``system.x`` to the equilibrium of rigid bodies on springs, and evaluate. Collective.
 
-    The bulk matrix of a body that only contact holds is singular, and Newton's method would start
-    from whatever happens to touch. Left alone if contact balances a good part of the loads already.
+    The bulk matrix of a body that is supported by contact alone is singular, and Newton's method
+    would start from an accidental set of touching points. If contact already balances a good part
+    of the loads, the unknowns are not changed.
     """
     residual = system.residual(system.x.array_r)
     rigid = system.made.rigid

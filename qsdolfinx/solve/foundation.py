@@ -1,4 +1,4 @@
-"""Rigid motions onto an elastic foundation: where loads press bodies and tools together."""
+"""Compute rigid motions of loaded bodies and tools on an elastic foundation."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _MAX_DOUBLINGS = 60
 
 @dataclasses.dataclass(frozen=True)
 class Springs:
-    """What a foundation has at the rows of one pass of a contact.
+    """Springs of a foundation at the constraints of one integration side of a contact.
 
     Attributes:
-        gap: The pass, evaluated where the motions begin.
-        change: How the motions change its gaps, shape (values of the gaps, motions).
+        gap: The integration side, evaluated at the start of the motions.
+        change: Change of its gaps with the motions, shape (values of the gaps, motions).
         modulus: E of the contact, stress.
-        contact: Number of the contact: its rows share a patch.
+        contact: Number of the contact: its constraints share a patch.
     """
 
     gap: WeightedGap
@@ -42,19 +42,19 @@ class Springs:
 
 
 class Foundation:
-    """Rigid bodies under load that press on each other through springs (Winkler's foundation).
+    """Rigid bodies under load that are pressed together through springs (Winkler foundation).
 
     Minimises Π(q) = ½ Σ ε_c S_k [ḡ_k + (G q)_k]₊² + r·q over motions q of bodies or tools. The
-    stiffness ε_c = E/ℓ of the springs of a contact is that of a half-space under a patch of the
-    size ℓ that is found closed. For a cylinder on a half-space the width of the contact is then
+    stiffness ε_c = E/ℓ of the springs of a contact is that of a half-space under a patch of size ℓ,
+    the size of the active part. For a cylinder on a half-space the width of the contact is then
     nearly right.
 
-    There is no matrix to factorise, and Newton's method starts from an active set near the right
-    one, not from a single point or the whole surface, from where it would take a step per facet.
+    No matrix is factorised, and Newton's method for the bodies starts from an active set near the
+    solution. From a single point or the whole surface it would take one step per facet.
 
     Args:
-        springs: Those of all passes.
-        loads: r, what the loads do against each motion, the same on all ranks, shape (motions,).
+        springs: Springs of all integration sides.
+        loads: r, work of the loads against each motion, the same on all ranks, shape (motions,).
     """
 
     def __init__(self, springs: typing.Sequence[Springs], loads: Array) -> None:
@@ -77,12 +77,12 @@ class Foundation:
         pressure = np.where(self._closed(np.zeros(len(self._r))), self._gap, 0.0)
         forces = np.abs(self._G).T @ np.abs(pressure * self._eps * self._weight)
         forces = self._comm.allreduce(forces, op=MPI.SUM)
-        #: Size of the loads and of the springs' forces at the start. Where springs press against
-        #: each other, as between two dies, their difference may be nothing but rounding errors.
+        #: Size of the loads and of the spring forces at the start. Where springs act against each
+        #: other, as between two dies, their difference may consist of rounding errors only.
         self._size = float(np.linalg.norm(self._r) + np.linalg.norm(forces))
 
     def _springs(self, closed: npt.NDArray[np.bool_]) -> Array:
-        """Stiffness at each row, for patches of these closed rows."""
+        """Stiffness at each constraint, for patches of these active constraints."""
         area = np.bincount(self._contact[closed], self._weight[closed], minlength=len(self._moduli))
         size = self._comm.allreduce(area, op=MPI.SUM) ** (1 / self._area_dim)
         eps = np.divide(self._moduli, size, out=self._moduli.copy(), where=size > 0)
@@ -101,7 +101,7 @@ class Foundation:
         return np.asarray(self._comm.allreduce((self._G.T * stiffness) @ self._G, op=MPI.SUM))
 
     def _direction(self, q: Array, gradient: Array) -> Array:
-        """Newton's; down the gradient where that is in motions that no spring resists."""
+        """Newton direction; steepest descent if no spring resists the gradient."""
         values, vectors = np.linalg.eigh(self._hessian(q))
         stiff = values > 1e-10 * max(values.max(), 1e-300)
         along = vectors.T @ gradient
@@ -110,14 +110,14 @@ class Foundation:
         return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
 
     def _step(self, q: Array, direction: Array) -> float | None:
-        """Where Π is least along a direction; None if it falls without end."""
+        """Step length that minimises Π along a direction; None if Π is unbounded."""
         change = self._G @ direction
         scale = self._comm.allreduce(np.max(np.abs(change), initial=0), op=MPI.MAX)
         reach = self._comm.allreduce(np.max(np.abs(self._gap), initial=0), op=MPI.MAX)
         largest = self._comm.allreduce(np.max(np.abs(self._G), initial=0), op=MPI.MAX)
         if scale <= 1e-12 * largest * np.linalg.norm(direction):
-            return None  # sliding: gaps do not change but for rounding errors
-        # As far as the gaps are wide, or springs at all rows would give way.
+            return None  # sliding: gaps change by rounding errors only
+        # Bracket: the width of the gaps, or the deflection if the springs at all constraints act.
         stiffness = self._comm.allreduce(self._eps * self._weight @ change**2, op=MPI.SUM)
         low, high = 0.0, max(reach / scale, abs(direction @ self._gradient(q)) / stiffness)
         for _ in range(_MAX_DOUBLINGS):
@@ -135,7 +135,7 @@ class Foundation:
         return high
 
     def settle(self) -> Array | None:
-        """The motions q; None if nothing stops them. Collective."""
+        """Compute the motions q; None if nothing stops them. Collective."""
         q: Array = np.zeros(len(self._r))
         for _ in range(3):
             for _ in range(_MAX_STEPS):

@@ -1,6 +1,6 @@
-"""Bodies that only contact holds, and that have left it on the way to a solution.
+"""Detect bodies supported by contact alone that have lost contact during a solve.
 
-What is left is in equilibrium anywhere: Newton's method ends there with a residual of zero.
+Such a body is in equilibrium at any place: Newton's method ends there with a residual of zero.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Of so many rigid modes these are translations, the first ones; one is an axisymmetric body's.
+#: Number of translations by number of rigid modes. Translations come first; an axisymmetric body
+#: has one mode.
 _TRANSLATIONS = {1: 1, 3: 2, 6: 3}
 
-#: Force of a translation, in units of that which holds a node against it, that is rounding.
+#: Force of a translation, over the force that holds a node against it, that is rounding error.
 _NO_FORCE = 1e-10
 
-#: Part of a motion's amplitude in a body that is none of it.
+#: Part of a motion's amplitude in a body that counts as zero.
 _NONE = 1e-8
 
 
 def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
-    """Whether one has gone further than all that it was in contact with. Collective.
+    """Whether a body has moved further than everything it was in contact with. Collective.
 
-    By the search radius where it touches anything: contact has not looked further. Where it touches
-    nothing any more, by a facet from where it was: a body that tools let go, and that springs back,
-    stays nearer.
+    If it still touches something, the limit is the search radius, since contact detection does not
+    search further. If it has lost all contact, the limit is one facet from its initial position: a
+    body that tools release and that springs back moves less.
 
     Args:
-        system: At the solution.
+        system: System at the solution.
         start: Unknowns at the start of the solve.
     """
     modes, motions = system.made.rigid.modes, system.made.rigid.free_motions
@@ -60,7 +61,7 @@ def _contacts(system: ContactSystem, i: int) -> list[int]:
 
 
 def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
-    """Whether the body's own forces are the same where it was: no springs hold it. Collective."""
+    """Whether the body's own forces did not change: no springs hold it. Collective."""
     body, modes = system.bodies[i], system.made.rigid.modes[i]
     back, free = np.zeros_like(change), _free_translations(system, i)
     for direction in free.T:
@@ -77,7 +78,7 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
 
 
 def _free_translations(system: ContactSystem, i: int) -> Array:
-    """Those that conditions leave to a body, by its translations, (translations, directions)."""
+    """Translations of a body that conditions leave free, (translations, directions)."""
     rigid = system.made.rigid
     first, count = sum(len(of_body) for of_body in rigid.modes[:i]), len(rigid.modes[i])
     num = _TRANSLATIONS.get(count, 0)
@@ -90,7 +91,7 @@ def _free_translations(system: ContactSystem, i: int) -> Array:
 
 
 def _room(system: ContactSystem, i: int, moved: Array) -> float:
-    """How far a body may go: with what it touches, and where nothing does next to nowhere.
+    """How far a body may move: with the bodies that it touches, or about a facet without contact.
 
     Collective.
     """
@@ -108,7 +109,7 @@ def _is_tied(system: ContactSystem, i: int) -> bool:
 
 
 def _moved_partner(system: ContactSystem, j: int, i: int, moved: Array) -> float:
-    """How far what a body is in contact with has gone; unlimited if it is a tool that turns."""
+    """Displacement of the body or tool that a body touches; infinite for a rotated tool."""
     tool = as_tool(system.contacts[j].master)
     if tool is None:
         return max((float(moved[k]) for k in system.sides[j] if k not in (i, None)), default=0.0)

@@ -1,4 +1,4 @@
-"""Anderson's mixing: what Newton's derivative leaves out, from how the residual has fallen."""
+"""Anderson mixing: correct steps of an inexact Newton method from the history of the residual."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-#: Earlier iterations at most that are mixed.
+#: Largest number of earlier iterations that are mixed.
 MOST = 4
 
-#: Part of the residual before above which it falls slowly, and of the present one that is to be
-#: left where mixing leads.
+#: The residual falls slowly if it is larger than the first part of the residual before. Mixing must
+#: reduce the residual to the second part of the present one.
 SLOWLY, LEFT = 0.03, 0.5
 
-#: Relative size below which differences of residuals are not told apart.
+#: Relative size below which differences of residuals count as linearly dependent.
 SAME = 1e-6
 
 
 class Mixing:
-    """Steps of Newton's method with an inexact derivative, mixed with those before.
+    """Mix steps of Newton's method with an inexact derivative with the steps before.
 
-    A law that remembers gives secants where it softens; the residual r then falls by the same
-    factor in each iteration. With the steps d_k of the last
-    iterates z_k and differences Δ of one iteration from the next, the mixed step is
+    A law with history variables gives secants where it softens; the residual r then falls by the
+    same factor in each iteration. With the steps d_k of the last iterates z_k and differences Δ
+    between successive iterations, the mixed step is
 
         d_k − Σ_j γ_j (Δz_j + Δd_j),   |r_k − Σ_j γ_j Δr_j| → min,
 
-    Anderson's mixing of type II (Walker & Ni, SIAM J. Numer. Anal. 49, 2011).
+    Anderson mixing of type II (Walker & Ni, SIAM J. Numer. Anal. 49, 2011).
 
     Args:
         comm: Communicator of the unknowns.
@@ -42,12 +42,12 @@ class Mixing:
         self._known: list[tuple[Array, Array, Array]] = []
 
     def step(self, z: Array, residual: Array, step: Array, is_alike: bool) -> Array | None:
-        """The mixed step, None where Newton's own is as good. Collective.
+        """The mixed step; None if the Newton step is as good. Collective.
 
         Args:
-            z: The iterate, this rank's part as all that follows.
-            residual: There, in forces.
-            step: Newton's.
+            z: The iterate, this rank's part; this holds for the other arrays, too.
+            residual: Residual at the iterate, as forces.
+            step: Newton step.
             is_alike: Whether R is the same smooth function as at the iterate before, on all ranks.
         """
         self._known = [*(self._known[-MOST:] if is_alike else []), (z, residual, step)]
@@ -70,7 +70,7 @@ class Mixing:
 
 
 def _least(products: Array, with_residual: Array, square: float) -> tuple[Array, float]:
-    """γ and |r − Σ γ_j Δr_j|², of the products of Δr_i, with those of r and r's with itself."""
+    """γ and |r − Σ γ_j Δr_j|², from scalar products of the Δr_i, with r, and of r with itself."""
     scale = np.sqrt(np.diag(products))
     if not np.all(scale > 0):
         return np.zeros(len(scale)), square

@@ -1,4 +1,4 @@
-"""Newton's method on the bodies' unknowns, contact being condensed, by PETSc's SNES."""
+"""Newton's method for the bodies' unknowns, with contact condensed, by PETSc's SNES."""
 
 from __future__ import annotations
 
@@ -27,26 +27,28 @@ Array = npt.NDArray[np.float64]
 
 FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 
-#: Part of its residual that an iteration with a tangent of before leaves, in units of what the last
-#: one has left. To first order 2 after one with a new tangent, and 1 after another.
+#: Residual reduction factor of an iteration with an old tangent, over the factor of the last
+#: iteration. To first order it is 2 after an iteration with a new tangent, and 1 after an iteration
+#: with an old one.
 SLOWER = 2.0
 
-#: How names of options begin that are for PETSc's SNES, and that of its convergence test.
+#: Beginnings of the option names that select PETSc's SNES, and the name of its convergence test.
 TEST = "snes_convergence_test"
 OF_USERS_SNES = "snes_type", "snes_linesearch_", TEST
 
 
 @dataclasses.dataclass
 class Record:
-    """What happened in a solve.
+    """Record of a solve.
 
     Attributes:
         residuals: Norm of the residual at each iteration.
-        active: Closed rows of each contact on this rank at each iteration.
-        violations: Largest gap that augmented multipliers leave at the end, if there are any.
+        active: Active constraints of each contact on this rank at each iteration.
+        violations: Largest gap that augmented Lagrangian multipliers leave at the end, if there are
+            any.
         iterations: Newton iterations.
-        restarts: Runs that failed and were begun again, elsewhere or with a direct solver.
-        linear_iterations: Iterations of the linear solver in them.
+        restarts: Runs that failed and were restarted, from other unknowns or with a direct solver.
+        linear_iterations: Iterations of the linear solver in the solve.
     """
 
     residuals: list[float] = dataclasses.field(default_factory=list)
@@ -67,11 +69,11 @@ class Record:
         return typing.cast(list[list[int]], comm.allreduce(counts, op=MPI.SUM).tolist())
 
 
-# --- What SNES calls
+# --- Callbacks of SNES
 
 
 class Other(typing.Protocol):
-    """Equations on other unknowns than the bodies' alone, for SNES to solve."""
+    """Equations for unknowns other than the bodies' alone, to be solved by SNES."""
 
     matrix: PETSc.Mat
     ksp: PETSc.KSP
@@ -80,35 +82,40 @@ class Other(typing.Protocol):
         """Evaluate the residual."""
 
     def tangent(self, x: PETSc.Vec) -> None:
-        """Get matrix and linear solver ready."""
+        """Prepare the matrix and the linear solver."""
 
     def converged(self, snes: PETSc.SNES) -> int:
-        """SNES' reason to end where it is, or 0."""
+        """Converged reason of SNES at the present iterate, or 0."""
 
     def shown(self, snes: PETSc.SNES) -> tuple[float, list[int]]:
-        """Norm of the bodies' residual, and closed rows of each contact on this rank."""
+        """Norm of the bodies' residual, and active constraints of each contact on this rank."""
 
 
 @dataclasses.dataclass
 class Context:
-    """What the callbacks know. Without SNES itself, which keeps it where Python cannot see it.
+    """Context of the callbacks.
+
+    It has no reference to SNES, because PETSc keeps the context where Python's garbage collector
+    cannot see it.
 
     Attributes:
         system: The system.
         linear: Its linear solver.
-        record: Where iterations are recorded.
+        record: Record of the iterations.
         convergence: Measures the residual; None before there are matrices.
         norms: Norm of the residual at each iteration of the run.
-        least: Of each group, in the run so far.
-        forces: Of each group the largest at the beginning of any run of the solve: what acts, or
-            is not balanced. None before the first.
-        until: Norm of the residual at which a linear solve is exact enough.
-        fall: Part of its residual that the last iteration of the solve has left.
-        is_running: Whether SNES solves; others who ask for a tangent want that of where they are.
+        least: Smallest norm of each group in the run so far.
+        forces: For each group, the largest acting or unbalanced forces at the start of any run of
+            the solve. None before the first run.
+        until: Norm of the residual at which a linear solve is accurate enough.
+        fall: Residual reduction factor of the last iteration of the solve.
+        is_running: Whether SNES is solving. Other callers of the tangent need it at their own
+            unknowns.
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
-        failure: What a callback has raised: PETSc would make an error of its own of it.
-        active: Closed rows of each contact on this rank, of an iteration on other unknowns.
-        other: What SNES solves on other unknowns; None of a system of the bodies'.
+        failure: Exception raised by a callback: PETSc would replace it by an error of its own.
+        active: Active constraints of each contact on this rank, in an iteration on other unknowns.
+        other: Equations on other unknowns that SNES solves; None if it solves for the bodies'
+            unknowns.
     """
 
     system: ContactSystem
@@ -127,12 +134,12 @@ class Context:
     other: Other | None = None
 
     def keep(self, error: BaseException) -> None:
-        """Keep what a callback has raised."""
+        """Store the exception raised by a callback."""
         self.failure = error
 
 
 def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None]:
-    """Keep what is raised; the context is the last argument."""
+    """Wrap a callback so that exceptions are stored in the context, its last argument."""
 
     @functools.wraps(function)
     def call(*args: typing.Any) -> None:
@@ -154,7 +161,7 @@ def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> 
 
 @_callback
 def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context: Context) -> None:
-    """Assemble the tangent, and get the linear solver ready."""
+    """Assemble the tangent, and prepare the linear solver."""
     system, linear = context.system, context.linear
     _evaluate(system, x)
     if _is_near(context) and system.tangent_fits():
@@ -175,18 +182,18 @@ def other_residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Contex
 def other_tangent(
     snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context: Context
 ) -> None:
-    """The same of its derivative."""
+    """Evaluate the derivative of the residual on other unknowns."""
     assert context.other is not None
     context.other.tangent(x)
-    if A != context.other.matrix:  # of finite differences, by options
+    if A != context.other.matrix:  # finite differences, chosen by options
         A.assemble()
 
 
 def _is_near(context: Context) -> bool:
-    """Whether the tangent that there is should be good enough to end with.
+    """Whether the present tangent is likely to be good enough for the last iteration.
 
-    Two more iterations cost less than the factors of a direct solver; one more of an iterative
-    solver costs as much with a new tangent.
+    Two more iterations cost less than a factorisation; with an iterative solver, one more iteration
+    costs as much as one with a new tangent.
     """
     if not (context.is_running and context.norms):
         return False
@@ -206,7 +213,7 @@ def monitor(snes: PETSc.SNES, iteration: int, norm: float, context: Context) -> 
 def converged(
     snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float], context: Context
 ) -> int:
-    """Whether the forces are in balance: SNES' convergence test."""
+    """Convergence test of SNES: whether the forces are in balance."""
     with passing(context.keep):
         return _has_converged(snes, iteration, norms, context)
 
@@ -216,7 +223,7 @@ def _has_converged(
 ) -> int:
     reasons = PETSc.SNES.ConvergedReason
     if interrupt.requested(context.system.comm):
-        return int(reasons.DIVERGED_FUNCTION_COUNT)  # PETSc ends in order; then it is raised
+        return int(reasons.DIVERGED_FUNCTION_COUNT)  # PETSc returns; then the error is raised
     size, step, norm = norms
     if not np.isfinite(norm):
         return NOT_FINITE
@@ -250,14 +257,14 @@ def _has_converged(
 
 
 def _evaluate(system: ContactSystem, x: PETSc.Vec) -> None:
-    """Evaluate the residual at x, unless it was there that it was evaluated last."""
+    """Evaluate the residual at x, unless the last evaluation was at x."""
     moved = not np.array_equal(x.array_r, system.evaluated)
     if system.comm.allreduce(moved, op=MPI.LOR):
         system.residual(x.array_r)
 
 
 def _with_inner(snes: PETSc.SNES) -> typing.Iterator[PETSc.SNES]:
-    """A solver, and those that precondition it."""
+    """A solver, and its nonlinear preconditioners."""
     yield snes
     while snes.hasNPC():
         snes = snes.getNPC()
@@ -265,13 +272,14 @@ def _with_inner(snes: PETSc.SNES) -> typing.Iterator[PETSc.SNES]:
 
 
 class Newton:
-    """Solves a :class:`ContactSystem` from where ``system.x`` is.
+    """Solve a :class:`ContactSystem`, starting from ``system.x``.
 
     Args:
         system: The system.
         snes: PETSc's nonlinear solver, with its options set.
         linear: The linear solver.
-        defaults: Names of PETSc's options that are ours and not the user's.
+        defaults: Names of the PETSc options that are defaults of the library, not the user's
+            choice.
     """
 
     def __init__(
@@ -283,10 +291,10 @@ class Newton:
     ) -> None:
         self.system, self._snes, self.linear = system, snes, linear
         chosen = set(PETSc.Options(snes.getOptionsPrefix()).getAll()) - set(defaults)
-        #: Whether the user has named a type of SNES, a line search or a test of PETSc's.
+        #: Whether the user has set a type of SNES, a line search or a convergence test of PETSc.
         self.has_users_snes = any(name.startswith(OF_USERS_SNES) for name in chosen)
         self._users_test = PETSc.Options(snes.getOptionsPrefix()).getString(TEST, "")
-        #: Why the last run has ended.
+        #: Reason for the end of the last run.
         self._reason = 0
         self.record = Record()
         self._context = Context(system, linear, self.record)
@@ -300,13 +308,13 @@ class Newton:
         return self._snes
 
     def begin(self) -> None:
-        """Begin a new record."""
+        """Start a new record."""
         self.record = self._context.record = Record()
         self._context.forces, self._context.fall = None, np.inf
         self._context.unseen = ""
 
     def update_matrices(self) -> None:
-        """Make matrices for the present pairing, if there are none. Collective."""
+        """Create matrices for the present contact pairs, if there are none. Collective."""
         if not self.system.is_stale:
             return
         self.linear.forget()
@@ -322,11 +330,11 @@ class Newton:
 
     @property
     def has_users_test(self) -> bool:
-        """Whether options name a convergence test of PETSc's."""
+        """Whether options set a convergence test of PETSc."""
         return bool(self._users_test)
 
     def kept(self) -> contextlib.AbstractContextManager[None]:
-        """Keep what is raised in the block, which PETSc calls."""
+        """Store exceptions raised in the block, which is called by PETSc."""
         return passing(self._context.keep)
 
     def solve_other(self, other: Other, x: PETSc.Vec, f: PETSc.Vec) -> int:
@@ -334,8 +342,8 @@ class Newton:
 
         Args:
             other: The equations.
-            x: Where to begin, and then where SNES has ended.
-            f: For the residual.
+            x: Initial unknowns; on return, the final unknowns of SNES.
+            f: Vector for the residual.
 
         Returns:
             SNES' reason.
@@ -373,7 +381,7 @@ class Newton:
                 snes.setConvergenceTest(converged, (context,))
 
     def measure(self) -> tuple[Measures, Array]:
-        """Norms of the residual at the last evaluation, and those that a solution may have."""
+        """Norms of the residual at the last evaluation, and their limits for a solution."""
         self.system.check_alive()
         assert self._context.convergence is not None, "no solve has been made"
         measures = self._context.convergence.measure()
@@ -383,7 +391,7 @@ class Newton:
     # --- Solving
 
     def solve(self) -> None:
-        """Solve for the bodies' unknowns with tools as they are. Collective.
+        """Solve for the bodies' unknowns with fixed tools. Collective.
 
         Raises:
             ConvergenceError: If that fails.
@@ -394,22 +402,22 @@ class Newton:
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
 
     def assemble(self) -> None:
-        """The tangent at the last evaluation, outside of SNES. Collective."""
+        """Assemble the tangent at the last evaluation, outside SNES. Collective."""
         if not self.system.fits_pattern():
             self.system.make_stale()
             self.update_matrices()
         self.linear.assemble()
 
     def note_unseen(self, text: str) -> None:
-        """Let errors say why gaps could not be found somewhere."""
+        """Store why gaps could not be found somewhere, for error messages."""
         self._context.unseen = text
 
     def fail(self, reason: int, linear_reason: int | None = None) -> typing.NoReturn:
-        """Raise the error of a solve that ends with this reason. Collective.
+        """Raise the error for a solve that ends with this reason. Collective.
 
         Args:
-            reason: Of SNES, or one of ours.
-            linear_reason: Of the linear solver; by default that of SNES' own.
+            reason: Reason of SNES, or of the library.
+            linear_reason: Reason of the linear solver; by default the reason of SNES' own KSP.
         """
         interrupt.look(self.system.comm)
         if linear_reason is None:
@@ -430,15 +438,13 @@ class Newton:
         raise error
 
     def note(self, iteration: int, x: Array, norm: float, active: list[int]) -> None:
-        """Record an iteration on other unknowns, and let monitors see it. Collective.
+        """Record an iteration on other unknowns, and call the monitors. Collective.
 
         Args:
             iteration: Its number.
             x: Unknowns of the bodies.
-            norm: Of their residual.
-            active: Closed rows of each contact on this rank.
-
-        Raises:
+            norm: Norm of their residual.
+            active: Active constraints of each contact on this rank. Raises:
             KeyboardInterrupt: After Ctrl-C.
         """
         self._context.active = active
@@ -448,7 +454,7 @@ class Newton:
             self.snes.setIterationNumber(iteration)
             self.snes.setFunctionNorm(norm)
             self.snes.monitor(iteration, norm)
-        except BaseException:  # which leaves vectors locked
+        except BaseException:  # it leaves vectors locked
             self.system.replace_vectors()
             failure, self._context.failure = self._context.failure, None
             if failure is None:
@@ -459,7 +465,7 @@ class Newton:
         interrupt.look(self.system.comm)
 
     def end_at(self, reason: int) -> None:
-        """Let SNES say that it has ended for this reason."""
+        """Set the converged reason of SNES."""
         self.snes.setConvergedReason(reason)
 
     def _run(self) -> None:
@@ -470,10 +476,10 @@ class Newton:
         self.record.linear_iterations += self.snes.getLinearSolveIterations()
 
     def _judged(self) -> int:
-        """SNES' reason, where it ends for another one than our test's only if that agrees.
+        """Reason of SNES; if it is not from the library's test, it is confirmed by this test.
 
-        A line search that meets a residual that is not finite may end with the reason of a short
-        step; some types of SNES end with the number of their iterations.
+        A line search with a residual that is not finite may end with the reason for a short step.
+        Some types of SNES end when they reach their number of iterations.
         """
         snes, reasons = self.snes, PETSc.SNES.ConvergedReason
         reason = int(snes.getConvergedReason())
@@ -489,11 +495,11 @@ class Newton:
             self._context.unseen = str(error)
             return failures[reason]
         norm = float(np.sqrt(self.system.comm.allreduce(norm**2)))
-        judged = 0 if reason == reasons.CONVERGED_ITS else 1  # without a test on the way
+        judged = 0 if reason == reasons.CONVERGED_ITS else 1  # no test was made in its iterations
         return _has_converged(snes, judged, (0.0, np.inf, norm), self._context) or failures[reason]
 
     def _call_snes(self) -> None:
-        """Let SNES solve; what a callback raises is raised as it is."""
+        """Let SNES solve; exceptions of callbacks are raised unchanged."""
         self._context.norms, self._context.is_running = [], True
         try:
             self.snes.solve(None, self.system.x)
@@ -504,7 +510,7 @@ class Newton:
                 self.linear.look()
                 if self.linear.is_direct:
                     begin_afresh(self.snes.getKSP())
-                if error.ierr == OF_A_LIBRARY:  # such as factors that a direct solver cannot make
+                if error.ierr == OF_A_LIBRARY:  # such as a failed factorisation
                     self.fail(FAILED_LINEARLY)
                 raise
             raise failure from None

@@ -1,4 +1,4 @@
-"""Newton's step on bodies, multipliers and driven tools by the problem's linear solver."""
+"""Newton step for bodies, multipliers and force-controlled tools by the problem's linear solver."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ LINEARLY = int(PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE)
 
 
 class NoConvergence(RuntimeError):
-    """The iteration has not converged; the text says where it stood.
+    """The iteration has not converged; the text describes its last state.
 
     Attributes:
-        reason: PETSc's SNESConvergedReason, or one of ours.
+        reason: PETSc's SNESConvergedReason, or a reason of the library.
         linear: PETSc's KSPConvergedReason, if a linear solve has failed; 0 otherwise.
     """
 
@@ -33,13 +33,13 @@ class NoConvergence(RuntimeError):
 
 
 class NewtonStep:
-    """Solves with the inexact derivative of R, by factors or by a Krylov solver.
+    """Solve with the inexact derivative of R, by factorisation or by a Krylov solver.
 
-    Factors take the place of a Krylov solver that fails, as long as the problem has it that way.
+    If a Krylov solver fails, factorisation is used as a fallback, if the problem allows it.
 
     Args:
         equations: The equations.
-        newton: Whose record and linear solver it has.
+        newton: Solver whose record and linear solver are used.
     """
 
     def __init__(self, equations: Equations, newton: Newton) -> None:
@@ -51,10 +51,10 @@ class NewtonStep:
         self._shift = (0.0, 0.0)
 
     def set_up(self, at: State, shift: tuple[float, float]) -> None:
-        """Take the derivative where the last evaluation was. Collective.
+        """Form the derivative at the last evaluation. Collective.
 
         Args:
-            at: That evaluation.
+            at: The last evaluation.
             shift: As for ``Derivative.of``.
         """
         self._at, self._shift = at, shift
@@ -80,8 +80,9 @@ class NewtonStep:
 
         Args:
             rhs: The change of R.
-            until: Norm of forces with which Newton's method ends.
-            exact: Whether an iterative solver is to find it whatever Newton's method needs.
+            until: Norm of forces at which Newton's method ends.
+            exact: Whether an iterative solver uses a small tolerance, whatever Newton's method
+                needs.
 
         Raises:
             NoConvergence: If the matrix is singular, or an iterative solver fails for good.
@@ -101,11 +102,11 @@ class NewtonStep:
         return out
 
     def _iterated(self, rhs: Array, until: float, exact: bool) -> Array | None:
-        """The same by a Krylov solver; None if a direct one takes its place. Collective."""
+        """Solve by a Krylov solver; None if a direct solver is used as a fallback. Collective."""
         newton = self._newton
         assert self._saddle is not None
         out = self._saddle.solve(rhs, until, exact, self._guess)
-        self._guess = out if exact else None  # of where bodies would go without some rows
+        self._guess = out if exact else None  # for the motion of bodies without some constraints
         newton.record.linear_iterations += self._saddle.num_iterations
         if out is None:
             newton.record.restarts += 1
@@ -117,7 +118,7 @@ class NewtonStep:
     def multiply(self, x: Array, transposed: bool = False) -> Array:
         """Product of the derivative, or of its transpose, with this rank's part of x. Collective.
 
-        The transpose is that of factors alone.
+        The transpose is available with factorisation only.
         """
         if self._is_iterative:
             assert self._saddle is not None and not transposed

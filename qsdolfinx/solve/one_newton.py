@@ -1,4 +1,4 @@
-"""One semismooth Newton's method on bodies, multipliers and driven tools."""
+"""One semismooth Newton method for bodies, multipliers and force-controlled tools."""
 
 from __future__ import annotations
 
@@ -23,40 +23,42 @@ from qsdolfinx.system.passes import State
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Halvings of a step, and what the merit has to fall by over what a whole step promises.
+#: Most halvings of a step, and required decrease of the merit function over the decrease predicted
+#: for the full step.
 MAX_HALVINGS, FALL = 8, 1e-4
 
-#: Part of a step below which it is asked first where forces do no more work; how little that is to
-#: be, over that at its start, and most evaluations.
+#: Part of a step below which the zero of the work of forces along the step is searched first;
+#: largest remaining work, over the work at the start; most evaluations.
 SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 
-#: Way (facets) of bodies along each other beyond which steps are asked first, too: see
-#: ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
+#: Relative tangential displacement of bodies in a step, in facets, above which this search is made,
+#: too: see ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
 FAR = 0.5
 
-#: Part of the first step that is less than a good start allows.
+#: Part of the first step below which the start is a poor one.
 POOR = 0.1
 
-#: Part of γ with which solves begin that know no multipliers, what they end with, and most
-#: iterations of them.
+#: Part of γ used at the start of solves without known multipliers, tolerance of this phase, and its
+#: most iterations.
 SOFT, NEAR, MOST_SOFT = 1e-4, 1e-2, 30
 
 
 class OneNewton:
-    """Finds R(z) = 0 by a semismooth Newton's method with a line search.
+    """Solve R(z) = 0 by a semismooth Newton method with a line search.
 
-    The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same of τ + |R_s|², which is continuous
-    where sets change. A step is halved as long as the residual is not finite, a gap cannot be
-    evaluated, or the merit has not fallen; where that would leave little of it, or what has
-    friction would go far, it ends where forces do no more work, see :meth:`_until_rest`. In the
-    first iteration what has λ > 0 stays closed, and what is closed without any τ sticks. If the
-    user's options name a type of SNES or a line search, that follows after the first step.
+    The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same term for τ + |R_s|². It is
+    continuous where sets change. A step is halved while the residual is not finite, a gap cannot be
+    evaluated, or the merit has not decreased. If little of the step would remain, or frictional
+    contact would slide far, the step ends where the work of the forces vanishes, see
+    :meth:`_until_rest`. In the first iteration, constraints with λ > 0 stay active, and active
+    constraints without any τ stick. If the user's options set a type of SNES or a line search, it
+    is used after the first step.
 
     Args:
         equations: The equations.
-        newton: Whose record, monitors and tolerances it has.
-        again: Whether the step has been solved before, with other pairs.
-        stiffness: Of springs, as for :class:`Balance`.
+        newton: Solver whose record, monitors and tolerances are used.
+        again: Whether the step has been solved before, with other contact pairs.
+        stiffness: Stiffness of springs, as for :class:`Balance`.
     """
 
     def __init__(
@@ -74,13 +76,13 @@ class OneNewton:
         )
 
     def solve(self, z: Array, begins: bool = True, is_guess: bool = False) -> Array:
-        """Solution, from z on. Collective.
+        """Compute the solution, starting from z. Collective.
 
         Args:
             z: Unknowns of this rank.
-            begins: Whether it is to be found where slip counts from.
-            is_guess: Whether to give up at once if the first step leads next to nowhere: there is
-                another start.
+            begins: Whether to find the positions from which slip counts.
+            is_guess: Whether to stop if the first step makes hardly any progress, because another
+                start is available.
 
         Raises:
             NoConvergence: If none is found.
@@ -120,11 +122,11 @@ class OneNewton:
 
     @property
     def _has_secants(self) -> bool:
-        """Whether slopes may be secants: those of laws that remember."""
+        """Whether slopes may be secants, as in laws with history variables."""
         return any(p.gap.law.memory for p in self.equations.passes)
 
     def _mixed(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
-        """Where the step mixed with those before leads, if that is better; see :class:`Mixing`.
+        """Result of the step mixed with earlier steps, if it is better; see :class:`Mixing`.
 
         Collective.
         """
@@ -142,11 +144,11 @@ class OneNewton:
         return None
 
     def _sticking(self, at: State) -> list[bool] | None:
-        """Passes that go on sticking, since bodies would have nothing to hold them; None for none.
+        """Integration sides that must stick to keep bodies supported; None if there are none.
 
-        What all sticks in the first iteration may be far beyond friction on all sides of a body
-        that nothing else holds, and if all of it slipped, the body would go anywhere. Of its
-        contacts the one slips that is beyond its friction by most. Collective.
+        In the first iteration, sticking constraints may exceed the friction limit by far in all
+        contacts of a body that has no other support. If all of them slipped, the body could move
+        arbitrarily. Only the contact that exceeds its friction limit by most slips. Collective.
 
         Args:
             at: The evaluation after the first iteration.
@@ -178,7 +180,7 @@ class OneNewton:
         return [number[id(p.model)] in kept for p in equations.passes]
 
     def _is_solution(self, z: Array) -> bool:
-        """Whether z is one already: the first iteration would add closed points, or let some stick.
+        """Whether z is a solution: the first iteration would activate points, or let some stick.
 
         Collective.
         """
@@ -190,7 +192,7 @@ class OneNewton:
         return found and self._is_found(at, 1.0)
 
     def _is_found(self, at: State, step: float) -> bool:
-        """Whether z solves the equations; notes the iterate. Collective."""
+        """Whether z solves the equations; stores the iterate. Collective."""
         balance = self._balance
         found = balance.is_found(at, step)
         number, x = len(balance.history) - 1, self.equations.bodies_of(at.z)
@@ -199,27 +201,28 @@ class OneNewton:
 
     @property
     def open_gap(self) -> float:
-        """Largest gap (length) that multipliers have left at the last iterate, over all ranks."""
+        """Largest gap (length) left open by multipliers at the last iterate, over all ranks."""
         return self._balance.open_gap
 
     @property
     def has_idle_tools(self) -> bool:
-        """Whether there are driven tools, and nothing was in contact at the last iterate."""
+        """Whether force-controlled tools exist, and nothing was in contact at the last iterate."""
         history = self._balance.history
         return bool(self.equations.tools and history and history[-1].active == 0)
 
     def approach(self, z: Array) -> Array:
-        """Where a small γ leads: many rows may open or close at once. Collective.
+        """Approach the solution with a small γ: many constraints may change at once. Collective.
 
-        With γ near the bodies' own stiffness what is in contact travels by a facet or two in each
-        iteration; the smaller it is the further it goes. Without line search, whose merit belongs
-        to the set of before; a set that comes back would do so again.
+        With γ near the bodies' own stiffness, the contact region moves by a facet or two in each
+        iteration; with a smaller γ it moves further. There is no line search, since its merit
+        belongs to the set before. The iteration ends if a set occurs again, as it would repeat
+        itself.
 
         Args:
             z: Unknowns of this rank.
 
         Returns:
-            What to go on from: z itself if that leads nowhere.
+            Unknowns to continue from; z itself if there was no progress.
         """
         equations, found, sets = self.equations, z.copy(), list[bytes]()
         equations.soften(SOFT)
@@ -242,20 +245,20 @@ class OneNewton:
         return z
 
     def _comes_back(self, sets: list[bytes]) -> bool:
-        """Whether the last of these sets is that of an earlier one, with others since. Collective.
+        """Whether the last set equals an earlier one, with other sets in between. Collective.
 
         Args:
-            sets: What has been closed on this rank in each iteration.
+            sets: Active set on this rank in each iteration.
         """
         same = np.array([each == sets[-1] for each in sets[:-1]], dtype=bool)
         self.equations.system.comm.Allreduce(MPI.IN_PLACE, same, op=MPI.LAND)
         return bool(same.any() and not same[-1])
 
     def _free_step(self, z: Array) -> Array | None:
-        """Find where slip counts from, see :class:`Onset`. Collective.
+        """Find the positions from which slip counts, see :class:`Onset`. Collective.
 
         Returns:
-            The first step, if no row closes; it is another one if some do.
+            The first step, if no constraint becomes active; otherwise the first step is different.
         """
         onset = Onset(self.equations)
         if not onset.counts:
@@ -274,11 +277,12 @@ class OneNewton:
         return onset.find(step)
 
     def _change(self, at: State, exact: bool = False) -> Array:
-        """Newton's step from the last evaluation. Collective.
+        """Newton step from the last evaluation. Collective.
 
         Args:
             at: The evaluation.
-            exact: Whether an iterative solver is to find it whatever Newton's method needs.
+            exact: Whether an iterative solver uses a small tolerance, whatever Newton's method
+                needs.
         """
         self._newton.record.iterations += 1
         self.equations.set_proximal(self._balance.proximal, self._balance.is_far)
@@ -290,9 +294,10 @@ class OneNewton:
     def _search(
         self, z: Array, at: State, change: Array, is_first: bool = True
     ) -> tuple[Array, State, float]:
-        """As much of the step as makes the merit fall, or else all of it. Collective.
+        """Part of the step that decreases the merit, or else the full step. Collective.
 
-        A step that takes the last closed row from a tool that a force drives is taken if all do.
+        A step that deactivates the last constraint of a force-controlled tool is taken only if all
+        parts of the step do so.
         """
         before, step = self._merit(at), 1.0
         if not is_first and self.equations.slips_at_points:
@@ -329,7 +334,7 @@ class OneNewton:
         return found, self.equations.evaluate(found), largest
 
     def _rest_nearby(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
-        """Where forces do no more work within FAR along a step beyond it; else None. Collective."""
+        """Zero of the work of forces within FAR of a step that is longer; else None. Collective."""
         far = FAR / max(self._way(change), 1e-300)
         if far >= 1:
             return None
@@ -341,23 +346,24 @@ class OneNewton:
     def _until_rest(
         self, z: Array, at: State, change: Array, most: float
     ) -> tuple[Array, State, float] | None:
-        """The step until the work of R_u along it changes its sign, None if not. Collective.
+        """Part of the step at which the work of R_u changes sign; None if it does not. Collective.
 
-        Where bodies slip along each other R_u is next to constant and has no curvature: |R_u| does
-        not fall before a step ends where something sticks, which Newton's step goes far beyond. Of
-        constraints at points R_u is nearly the gradient of an energy, which falls until there.
+        Where bodies slip along each other, R_u is nearly constant and has no curvature. |R_u| then
+        falls only if the step ends where something sticks, and the full Newton step goes far beyond
+        this point. For constraints at contact quadrature points, R_u is nearly the gradient of an
+        energy, which decreases up to this point.
 
         Args:
-            z: Where the step begins.
-            at: The evaluation there.
+            z: Unknowns at the start of the step.
+            at: The evaluation at z.
             change: The step.
-            most: Part of it that can be evaluated.
+            most: Largest part of the step that can be evaluated.
         """
         equations = self.equations
         along = equations.bodies_of(change)
 
         def work(at: State) -> float:
-            """Of R_u along the step."""
+            """Work of R_u along the step."""
             local = float(along @ equations.bodies_of(equations.residual_of(at)))
             return float(equations.system.comm.allreduce(local, op=MPI.SUM))
 
@@ -367,7 +373,7 @@ class OneNewton:
             return None
         of_low, of_high = begins, ends
         for _ in range(MOST_ASKED):
-            # The secant's point between, or the middle where that is near either end.
+            # Zero of the secant, kept away from both ends of the interval.
             part = min(max(of_low / (of_low - of_high), 0.1), 0.9)
             step = low + part * (high - low)
             there = equations.evaluate(z + step * change)
@@ -381,7 +387,7 @@ class OneNewton:
         return z + step * change, there, step
 
     def _way(self, change: Array) -> float:
-        """Largest way in a step of what has friction against each other, in facets. Collective."""
+        """Largest sliding distance of frictional contact in a step, in facets. Collective."""
         most = 0.0
         with vectors_of(self.equations, change) as vecs:
             for p in self.equations.passes:
@@ -398,13 +404,13 @@ class OneNewton:
         return float(self.equations.system.comm.allreduce(most, op=MPI.MAX))
 
     def _loses_a_tool(self, at: State, there: State) -> bool:
-        """Whether nothing is left that resists the force on a tool. Collective."""
+        """Whether no active constraint resists the force on a tool any more. Collective."""
         if not self.equations.tools:
             return False
         return bool(np.any((self._closed_on_tools(at) > 0) & (self._closed_on_tools(there) == 0)))
 
     def _closed_on_tools(self, at: State) -> npt.NDArray[np.int64]:
-        """Closed rows of each driven tool over all ranks. Collective."""
+        """Active constraints of each force-controlled tool over all ranks. Collective."""
         counts: npt.NDArray[np.int64] = np.zeros(len(self.equations.tools), dtype=np.int64)
         for p, e in zip(self.equations.passes, at.passes, strict=True):
             if p.tool is not None:

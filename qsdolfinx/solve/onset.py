@@ -1,4 +1,4 @@
-"""When in a step rows close: what friction counts slip from."""
+"""Find the contact onset of constraints within a step, from which friction counts slip."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from qsdolfinx.system.passes import Pass
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Least part of a step that is left when a row closes: slip rates are slip over that.
+#: Smallest remaining part of a step after contact onset: slip rates are slip divided by it.
 LEAST_SHARE = 1e-2
 
-#: Straight parts of a way at most, by how much more rows are closed at the end of each at least,
-#: and how many times of closing are told apart.
+#: Most straight parts of a path, smallest factor of the number of active constraints from the start
+#: to the end of a part, and number of distinguished onset times.
 MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
 
-#: Way (facets) in a step of points that follow the bodies, up to which it is told when they close:
-#: beyond it the energy of what slides by facets would lack (``tests/sliding/test_points.py``).
+#: Largest displacement (facets) in a step up to which the onset time of constraints at points with
+#: updated geometry is computed. Beyond it, the energy of contact that slides by facets would be too
+#: small (``tests/sliding/test_points.py``).
 NEAR = 0.5
 
 
 class _Way:
-    """The way of the rows of a pass through a step, and when those close that were open.
+    """Path of the constraints of an integration side in a step, and their onset times.
 
     Args:
-        p: The pass.
-        slip: Its slip, at the last evaluation.
+        p: The integration side. slip: Its slip, at the last evaluation.
 
     Attributes:
-        open: Rows that were open when the step began and are not closed yet on the way so far.
-        closing: Part of the step after which they close, at most 1; 0 of others.
+        open: Constraints that were inactive at the start of the step and still are on the path so
+            far. closing: Part of the step after which they become active, at most 1; 0 for others.
     """
 
     def __init__(self, p: Pass, slip: Slip) -> None:
@@ -53,20 +53,21 @@ class _Way:
 
     @property
     def num_closed(self) -> int:
-        """Rows on this rank that were closed when the step began."""
+        """Number of constraints on this rank that were active at the start of the step."""
         return int(np.count_nonzero(self.slip.state.closed & ~self._began_open))
 
     def go_on(self, now: float, gap: Array, jump: Array) -> None:
-        """Let the way lead straight from where it is.
+        """Continue the path along a straight line.
 
         Args:
-            now: Part of the step that is behind.
-            gap: At its end without rows that are open (length).
-            jump: Change of the jump in the step until then (length).
+            now: Part of the step so far. gap: Gap at the end of the step without the inactive
+                constraints (length). jump: Change of the relative displacement in the step until
+                the end (length).
         """
         self._to_gap, self._to_jump = gap, jump
         if self.p.gap.following is not None:
-            # Further on it slides to what has been in contact with others, for all of the step.
+            # Beyond this distance it slides onto parts that were in contact before, for the whole
+            # step.
             near = np.linalg.norm(jump, axis=1) < NEAR * self.p.gap.slave.facet_size_range[1]
             self.open, self._began_open = self.open & near, self._began_open & near
             self.closing = np.where(self._began_open, self.closing, 0.0)
@@ -79,34 +80,35 @@ class _Way:
         self._until = np.where(self.open[:, None], reached, self._until)
 
     def advance(self, now: float, to: float) -> None:
-        """Go on to a part of the step: what closes until then is closed."""
+        """Advance to a part of the step, and activate the constraints with an onset until then."""
         part = (to - now) / (1 - now)
         self._gap = self._gap + part * (self._to_gap - self._gap)
         self._jump = self._jump + part * (self._to_jump - self._jump)
         self.open = self.open & (self.closing > to)
 
     def count(self) -> None:
-        """Let slip count from where rows close on this way, and that of others from its end."""
+        """Count slip from contact onset on this path; for other constraints, from its end."""
         share = np.where(self._began_open, np.maximum(1 - self.closing, LEAST_SHARE), 1.0)
         until = np.where(self._began_open[:, None], self._until, 0.0)
         self.slip.count_from(until, share, ~self._began_open | (self.closing < 1))
 
 
 class Onset:
-    """Finds for each row that closes in a step when it does so, and how it has moved until then.
+    """Find the onset time of each constraint in a step, and its relative displacement until then.
 
-    Such a row has no friction before it is closed. The end of the step does not tell when that is:
-    its gap is closed, whatever the way was. So a Newton's step is made with all rows open that were
-    open when the step began: it leads to a gap ḡ_free > 0 and a jump J_free, where bodies would
-    have gone without them. On a straight way, rows close after the part
+    A constraint has no friction before its onset. The end of the step does not show the onset time:
+    the gap is closed there, whatever the path was. So one Newton step is made with all constraints
+    inactive that were inactive at the start of the step. It gives a gap ḡ_free > 0 and a relative
+    displacement J_free, as if these constraints did not exist. On a straight path, the onset is
+    after the part
 
         s = ḡ_0 / (ḡ_0 − ḡ_free)
 
-    of the step, with the jump J_0 + s (J_free − J_0), from which slip counts in all that follows.
-    Each row that closes bends the way of the others. So it is straight only until twice as many
-    rows are closed as at its beginning; from there on it leads to where bodies are with those
-    closed, and so on. Where rows that close alone hold a body, nothing tells where it was going,
-    and slip counts from the start of the step.
+    of the step, with the relative displacement J_0 + s (J_free − J_0). Slip counts from there. Each
+    constraint that becomes active bends the path of the others. So the path is straight only until
+    twice as many constraints are active as at its start. Then it continues to the position of the
+    bodies with these constraints active, and so on. If a body is supported only by constraints that
+    become active in the step, its path is unknown, and slip counts from the start of the step.
 
     Args:
         equations: The equations, at the last evaluation.
@@ -116,7 +118,7 @@ class Onset:
         self._equations, self._comm = equations, equations.system.comm
         self._ways = [None if p.slip is None else _Way(p, p.slip) for p in equations.passes]
         found = any(bool(way.open.any()) for way in self._with_friction)
-        #: Whether there are rows that were open.
+        #: Whether there are constraints that were inactive.
         self.counts: bool = self._comm.allreduce(found, op=MPI.LOR)
 
     @property
@@ -124,14 +126,14 @@ class Onset:
         return [way for way in self._ways if way is not None]
 
     def find(self, step: typing.Callable[[list[Flags]], Array | None]) -> Array | None:
-        """Let slip count from where rows close. Collective.
+        """Count slip from contact onset. Collective.
 
         Args:
-            step: Newton's step with given rows of each pass open, from the last evaluation; None
-                where they alone hold a body.
+            step: Newton step from the last evaluation, with given constraints of each integration
+                side inactive; None if a body is supported by these constraints alone.
 
         Returns:
-            The first step, if no row closes on it.
+            The first step, if no constraint becomes active in it.
         """
         now, closed = 0.0, self._sum(way.num_closed for way in self._with_friction)
         rows = self._sum(int(np.count_nonzero(way.open)) for way in self._with_friction)
@@ -176,10 +178,10 @@ class Onset:
                 way.go_on(now, gap, jump)
 
     def _until(self, many: float) -> tuple[float, int, int]:
-        """Until when a number of rows has closed. Collective.
+        """Time until which a given number of constraints becomes active. Collective.
 
         Returns:
-            Part of the step, how many rows close until then, and how many later in the step.
+            Part of the step, the number of onsets until then, and the number later in the step.
         """
         parts = np.concatenate([
             way.closing[way.open & (way.closing < 1)] for way in self._with_friction
@@ -197,7 +199,7 @@ class Onset:
 
 @contextlib.contextmanager
 def vectors_of(equations: Equations, z: Array) -> typing.Iterator[list[PETSc.Vec]]:
-    """The bodies' part of unknowns as vectors."""
+    """The bodies' part of the unknowns as vectors."""
     bodies = equations.system.bodies
     vecs = [body.create_vec() for body in bodies]
     for i, vec in enumerate(vecs):

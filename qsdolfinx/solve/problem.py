@@ -67,12 +67,12 @@ Array = npt.NDArray[np.float64]
 Conditions = typing.Sequence[fem.DirichletBC]
 _counter = itertools.count()
 
-#: Linear solvers that ``"auto"`` has taken in this process, and that were told of.
+#: Linear solvers that ``"auto"`` has chosen in this process, and that have been logged.
 told: set[str] = set()
 
 
-#: Times that a step is solved again since bodies slip at other rates than friction has assumed, or
-#: from other places.
+#: Most times that a step is solved again because slip rates, or the positions from which slip
+#: counts, differ from those that friction has assumed.
 MAX_RATES = 4
 
 
@@ -247,7 +247,7 @@ class ContactProblem:
         self._equations: Equations | None = None
         self._is_at_once = False
 
-    # --- What it is made of
+    # --- Parts of the problem
 
     @property
     def solver(self) -> PETSc.SNES:
@@ -312,7 +312,7 @@ class ContactProblem:
         linear = self.newton.linear
         return "direct" if linear.given_up.is_now else self.linear_solver
 
-    # --- How the last solve went
+    # --- Results of the last solve
 
     @property
     def residual_history(self) -> list[float]:
@@ -398,7 +398,7 @@ class ContactProblem:
         return self._current_equations().tangent(z)
 
     def _current_equations(self) -> Equations:
-        """The last equations, or new ones where contact has paired since. Collective."""
+        """The last equations, or new ones if the contact pairs have changed since. Collective."""
         if self._equations is None or not self._equations.is_current:
             return self.equations()
         return self._equations
@@ -460,7 +460,7 @@ class ContactProblem:
         self._find_moved()
 
     def _find_moved(self) -> None:
-        """Tell contacts what conditions move of the nodes that they hold on both sides."""
+        """Set the motion of contact nodes that Dirichlet conditions hold on both sides."""
         if not any(contact.held_slips for contact in self.system.contacts):
             return
         vecs = [body.create_vec() for body in self.bodies]
@@ -515,7 +515,7 @@ class ContactProblem:
 
     @contextlib.contextmanager
     def _or_as_before(self) -> typing.Iterator[None]:
-        """Put everything back if the block is interrupted, or if a callback fails."""
+        """Restore everything if the block is interrupted, or if a callback fails."""
         before = Before(self.system)
         try:
             yield
@@ -571,7 +571,7 @@ class ContactProblem:
             check_unsupported(self.system, start)
 
     def _find(self, balance: ToolBalance, start: Array) -> None:
-        """Solve for all unknowns, or by the paper's own method where it fits. Collective."""
+        """Solve for all unknowns, or by the paper's own method if it applies. Collective."""
         self._is_at_once = self._at_once.fits or self.stabilisation is not None
         if not self._is_at_once:
             if self._is_found_by_penalty(balance, start):
@@ -587,9 +587,9 @@ class ContactProblem:
         self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
 
     def _is_found_by_penalty(self, balance: ToolBalance, start: Array) -> bool:
-        """Whether SNES finds the bodies' unknowns alone, contact being condensed. Collective.
+        """Whether SNES finds the bodies' unknowns alone, with contact condensed. Collective.
 
-        Where it does not, all unknowns are solved for.
+        If it does not, the problem is solved for all unknowns.
         """
         guess(self.system)
         try:
@@ -607,14 +607,14 @@ class ContactProblem:
         return True
 
     def _put_back(self, known: list[list[multipliers.Known]], vertices: list[typing.Any]) -> None:
-        """Multipliers, and which vertices have points, as they were."""
+        """Restore the multipliers, and the set of vertices that have points."""
         for contact, kept in zip(self.system.contacts, known, strict=True):
             multipliers.set_known(contact, kept)
         for gap, chosen in zip(self.system.gaps, vertices, strict=True):
             gap.state.vertices = chosen
 
     def _advise(self, error: ConvergenceError) -> None:
-        """Say what may help."""
+        """Add remedies to the error."""
         contacts = self.system.contacts
         if contacts and all(contact.is_scalar for contact in contacts):
             if self.system.made.rigid.free_motions.shape[1] > 0:
@@ -630,7 +630,7 @@ class ContactProblem:
             )
 
     def _has_other_rates(self) -> bool:
-        """Whether bodies slip at other rates than friction has taken for slow. Collective."""
+        """Whether slip rates differ from the rate that friction has assumed as slow. Collective."""
         found = [
             contact.friction.learn_rate(
                 contact.slips, contact.kinematics.dt, contact.paired.facet_size
@@ -645,7 +645,7 @@ class ContactProblem:
             slip.begin_solve()
 
     def _starting_point(self) -> Array:
-        """Bring the system to the bodies' unknowns; returns a copy of them."""
+        """Set the system to the bodies' unknowns; returns a copy of them."""
         for body, part in zip(self.bodies, self.system.parts(self.system.x.array), strict=True):
             values = body.u.x.array[: body.num_owned].copy()
             # Linear ones are evaluated as if their Dirichlet values were in place.
@@ -680,7 +680,7 @@ def _pick(
     kind: str,
     chosen: typing.Collection[str],
 ) -> str:
-    """The linear solver by name, if it is left to us. Collective."""
+    """Choose the linear solver if the user has not named one; returns its name. Collective."""
     if solver != "auto":
         return solver
     if {"ksp_type", "pc_type"} & set(chosen):
@@ -689,7 +689,7 @@ def _pick(
     has_modes = all(body.V.dofmap.index_map_bs == gdim for body in bodies)
     size = sum(body.V.dofmap.index_map.size_global * body.V.dofmap.index_map_bs for body in bodies)
     is_flow = has_schur(F, [body.u for body in bodies])
-    if is_flow:  # bubbles are eliminated cell by cell, by any solver
+    if is_flow:  # all solvers eliminate bubbles cell by cell
         size -= sum(num_inside_cells(body.V) for body in bodies)
     name, reason = pick(size, gdim, has_modes, kind, is_flow)
     if name != "direct" and name not in told:

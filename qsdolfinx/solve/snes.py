@@ -9,9 +9,10 @@ from petsc4py import PETSc
 from qsdolfinx.base.reasons import NOT_FINITE as FNORM_NAN
 from qsdolfinx.base.reasons import reason_name
 
-#: Defaults of the nonlinear solver. Full steps make Newton's method an active-set method, which
-#: ends within a few steps where the bodies are linear; the residual may grow by orders of magnitude
-#: when contacts close. "snes_rtol" is in units of each body's contact forces and reactions.
+#: Defaults of the nonlinear solver. With full steps, Newton's method is an active-set method, which
+#: ends within a few steps if the bodies are linear; the residual may grow by orders of magnitude
+#: when constraints become active. "snes_rtol" is in units of each body's contact forces and
+#: reactions.
 SNES_OPTIONS: dict[str, typing.Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
@@ -23,47 +24,48 @@ SNES_OPTIONS: dict[str, typing.Any] = {
 #: PETSc's error code of a type that it does not know.
 UNKNOWN_TYPE = 86
 
-#: Options that name a type, and the types that petsc4py knows of.
+#: Options that set a type, and the types known to petsc4py.
 _TYPES: dict[str, type] = {
     "ksp_type": PETSc.KSP.Type,
     "pc_type": PETSc.PC.Type,
     "snes_type": PETSc.SNES.Type,
 }
 
-#: Types that solve for bodies and multipliers, and those that only do so with one of these as their
-#: nonlinear preconditioner.
+#: Types that solve for bodies and multipliers, and types that need one of them as their nonlinear
+#: preconditioner.
 _KINDS = PETSc.SNES.Type
 ALONE = (_KINDS.NEWTONLS, _KINDS.NEWTONTR, _KINDS.KSPONLY, _KINDS.PYTHON)
 WITH_NEWTON = (_KINDS.NGMRES, _KINDS.ANDERSON, _KINDS.NRICHARDSON, _KINDS.QN)
 
-#: Reason, in addition to PETSc's, of a solve whose augmented multipliers do not close the gap.
+#: Reason, in addition to PETSc's, of a solve with an augmented Lagrangian that does not close the
+#: gap.
 NOT_CLOSED = -1000
 
-#: The same of a rigid tool for whose driving force no displacement was found.
+#: The same for a force-controlled rigid tool without a displacement in equilibrium.
 NOT_BALANCED = -1001
 
-#: The same of a solve in which a body that only contact holds has left it.
+#: The same for a solve in which a body supported by contact alone has lost contact.
 LOST = -1002
 
 _NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST: "BODY_LOST"}
 
 
-#: What may help, by reason.
+#: Remedies by reason.
 REMEDIES = {
     "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take linear_solver="direct"',
     "GAP_NOT_CLOSED": 'take a larger gap_tolerance, penalty="auto", or the other side as the slave',
     "FORCE_NOT_BALANCED": "a tool may pull, or a body may not resist its force",
 }
 
-#: The same of a residual that is not finite where a solve begins, and of one that becomes so.
+#: Remedies for a residual that is not finite at the start of a solve, or becomes so.
 NOT_FINITE = "F is not finite at the start of the solve: look at its coefficients and at u"
 NO_LONGER_FINITE = (
     "F was finite at the start of the solve, and is not finite after an iteration, perhaps since a "
     "cell turned inside out: the step is too large; take smaller steps, as qs.TimeStepper does"
 )
 
-#: The same of all others; of linear bodies in small sliding without friction, where the size of a
-#: step hardly matters.
+#: Remedies for all other failures; and for linear bodies in small sliding without friction, where
+#: the step size hardly matters.
 REMEDY = (
     "nothing may balance the load, or the step may be too large: take smaller steps, as with "
     "qs.TimeStepper"
@@ -119,17 +121,17 @@ class ConvergenceError(RuntimeError):
         super().__init__(self._message())
 
     def _remedy(self, linear: bool) -> str:
-        """What may help, by reason.
+        """Remedies by reason.
 
         Args:
-            linear: Whether the size of a step hardly matters.
+            linear: Whether the step size hardly matters.
         """
         if self.reason == FNORM_NAN:
             return NO_LONGER_FINITE if self.residual_history else NOT_FINITE
         return REMEDIES.get(self.reason_name, REMEDY_LINEAR if linear else REMEDY)
 
     def _course(self) -> str:
-        """How it went, in a few numbers."""
+        """Summary of the iteration, in a few numbers."""
         residuals, out = self.residual_history, ""
         if residuals:
             out = f", {len(residuals) - 1} iterations, residual from {residuals[0]:.3g}"
@@ -146,22 +148,22 @@ class ConvergenceError(RuntimeError):
         return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
 
     def advise(self, text: str) -> None:
-        """Put a text first among the possible remedies of the message."""
+        """Insert a text as the first remedy of the message."""
         self._remedies.insert(0, text)
         self.args = (self._message(),)
 
 
 def in_smallest_step(error: Exception) -> str:
-    """Its message where smaller steps are no remedy any more."""
+    """Message of an error at the smallest step, where smaller steps are no remedy."""
     text = str(error).replace(REMEDY, REMEDY_IN_STEPS)
     return text.replace(NO_LONGER_FINITE, REMEDY_IN_STEPS)
 
 
 def forget_failure(snes: PETSc.SNES) -> None:
-    """Let a direct solver whose factorisation failed start afresh. Collective.
+    """Reset a direct solver whose factorisation failed. Collective.
 
-    Otherwise PETSc's interface to MUMPS refuses all matrices that come after the one that failed,
-    even if that took no more than memory which the first one's analysis did not foresee.
+    Otherwise PETSc's interface to MUMPS rejects all matrices after the failed one, even if the only
+    cause was memory that the analysis of the first matrix did not predict.
     """
     ksp = snes.getKSP()
     failed = ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED
@@ -169,7 +171,7 @@ def forget_failure(snes: PETSc.SNES) -> None:
         ksp.getPC().reset()
 
 
-#: What set_options has put into PETSc's database, by prefix.
+#: Options that set_options has put into PETSc's database, by prefix.
 _put: dict[str, dict[str, str]] = {}
 
 
@@ -178,16 +180,16 @@ def set_options(
 ) -> frozenset[str]:
     """Put a problem's options into PETSc's database.
 
-    They stay there, because preconditioners look up some of theirs late; those of an earlier
-    problem with this prefix have to be removed before. Defaults give way to the command line.
+    The options stay there, because preconditioners read some options late. Options of an earlier
+    problem with this prefix must be removed first. Options of the command line take precedence over
+    defaults.
 
     Args:
-        prefix: Of the options.
-        given: The user's.
-        linear: Defaults of the linear solver.
+        prefix: Prefix of the options. given: Options of the user. linear: Defaults of the linear
+            solver.
 
     Returns:
-        Names of those that are our defaults and not the user's choice.
+        Names of the options that are defaults of the library, not the user's choice.
     """
     database = PETSc.Options(prefix)
     defaults = SNES_OPTIONS | linear
@@ -202,11 +204,11 @@ def read_options(snes: PETSc.SNES) -> None:
     """Let PETSc read the options of the prefix. Collective.
 
     Raises:
-        ValueError: If one of them names a type that PETSc does not know.
+        ValueError: If an option sets a type that PETSc does not know.
     """
     try:
         snes.setFromOptions()
-        if snes.getKSP().getType() is None:  # of a type of SNES that has no linear solves itself
+        if snes.getKSP().getType() is None:  # this type of SNES has no linear solves itself
             snes.getKSP().setFromOptions()
     except PETSc.Error as error:
         database = PETSc.Options(snes.getOptionsPrefix()).getAll()
@@ -221,14 +223,14 @@ def read_options(snes: PETSc.SNES) -> None:
 
 
 def check_type(snes: PETSc.SNES, has_factors: bool) -> None:
-    """Refuse types that cannot solve for bodies and multipliers at once.
+    """Raise an error for types that cannot solve for bodies and multipliers together.
 
     Args:
         snes: The solver, with its options set.
-        has_factors: Whether linear solves are by LU factors: what takes others has no transpose.
+        has_factors: Whether linear solves use LU factors; other solvers have no transpose.
 
     Raises:
-        ValueError: If it, or what preconditions it, is such a type.
+        ValueError: If the solver, or its nonlinear preconditioner, is of such a type.
     """
     kind, remedy = snes.getType(), ""
     if kind in WITH_NEWTON:
@@ -251,7 +253,7 @@ def check_type(snes: PETSc.SNES, has_factors: bool) -> None:
 
 
 def remove_options(prefix: str) -> None:
-    """Take out of PETSc's database what set_options has put there and nobody changed since."""
+    """Remove options of set_options from PETSc's database, unless they were changed since."""
     database = PETSc.Options(prefix)
     for key, value in _put.pop(prefix, {}).items():
         if database.getString(key, "") == value:

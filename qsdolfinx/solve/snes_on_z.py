@@ -1,4 +1,4 @@
-"""PETSc's SNES, as the user's options have it, on bodies, multipliers and driven tools."""
+"""Solve for bodies, multipliers and force-controlled tools by PETSc's SNES with user options."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Array = npt.NDArray[np.float64]
 
 REASONS = PETSc.SNES.ConvergedReason
 
-#: What ends with these reasons is looked at: a short step alone is no success, and some types of
-#: SNES end with the number of their iterations.
+#: Ends with these reasons are checked: a short step alone is not convergence, and some types of
+#: SNES end when they reach their number of iterations.
 JUDGED = {
     REASONS.CONVERGED_SNORM_RELATIVE: REASONS.DIVERGED_LINE_SEARCH,
     REASONS.CONVERGED_ITS: REASONS.DIVERGED_MAX_IT,
@@ -29,7 +29,7 @@ JUDGED = {
 
 
 class _Steps:
-    """Context of the KSP: Newton's step for a right-hand side, with the last derivative."""
+    """Context of the KSP: Newton step for a right-hand side, with the last derivative."""
 
     def __init__(
         self, equations: Equations, newton: Newton, step: NewtonStep, balance: Balance
@@ -38,7 +38,7 @@ class _Steps:
         self._step, self._balance = step, balance
 
     def solve(self, ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve; a step that is not found is a divergence, not an error."""
+        """Solve; if no step is found, this is reported as divergence, not as an error."""
         reasons = PETSc.KSP.ConvergedReason
         rhs = self._equations.in_forces(b.array_r, back=True)
         with self._newton.kept():
@@ -51,18 +51,19 @@ class _Steps:
 
 
 class SnesOnZ:
-    """Lets the problem's SNES find c R(z) = 0, with all its options, monitors and tolerances.
+    """Solve c R(z) = 0 by the problem's SNES, with all its options, monitors and tolerances.
 
-    c makes forces of all rows, continuous where sets change: |c R| is what line searches see. Its
-    linear solves are Newton's steps of the problem's own linear solver, a KSP of type ``python``;
-    the derivative is a shell matrix that multiplies. The convergence test is the library's own,
-    unless the user has set one, or named one by ``snes_convergence_test``. Areas of gaps that
-    follow are held meanwhile.
+    The factor c scales all rows to forces that are continuous where sets change; line searches use
+    |c R|. Linear solves are Newton steps by the problem's own linear solver, a KSP of type
+    ``python``. The derivative is a shell matrix that can only be multiplied. The convergence test
+    is the library's own, unless the user has set another test, or named one by
+    ``snes_convergence_test``. With updated geometry, the areas of gaps are kept constant while SNES
+    runs.
 
     Args:
         equations: The equations.
-        newton: Whose SNES it is.
-        step: Solves linear systems.
+        newton: Solver whose SNES is used.
+        step: Solver of the linear systems.
         balance: The library's convergence test.
     """
 
@@ -72,7 +73,7 @@ class SnesOnZ:
         self._equations, self._newton = equations, newton
         self._step, self._balance = step, balance
         self._comm = equations.system.comm
-        #: The evaluation that was measured last, and whether it solves the equations.
+        #: The last evaluation that was tested, and whether it solves the equations.
         self._measured: State | None = None
         self._is_found = False
         size = (equations.num_local, equations.size)
@@ -85,7 +86,7 @@ class SnesOnZ:
         self.ksp.setOperators(self.matrix)
 
     def solve(self, z: Array) -> Array:
-        """Solution, from z on. Collective.
+        """Compute the solution, starting from z. Collective.
 
         Args:
             z: Unknowns of this rank.
@@ -112,7 +113,7 @@ class SnesOnZ:
         return found
 
     def _judged(self, reason: int, z: Array) -> int:
-        """SNES' reason, or another where it ends for one that says nothing of R. Collective."""
+        """Reason of SNES, or another reason if SNES' reason does not depend on R. Collective."""
         if reason not in JUDGED or self._newton.has_users_test:
             return reason
         try:
@@ -122,7 +123,7 @@ class SnesOnZ:
         self._measure(at)
         return int(REASONS.CONVERGED_FNORM_RELATIVE if self._is_found else JUDGED[reason])
 
-    # --- What SNES calls
+    # --- Callbacks of SNES
 
     def residual(self, x: PETSc.Vec, f: PETSc.Vec) -> None:
         """Evaluate c R; not finite where a gap cannot be evaluated."""
@@ -135,19 +136,19 @@ class SnesOnZ:
         f.array[:] = equations.in_forces(equations.residual_of(at))
 
     def tangent(self, x: PETSc.Vec) -> None:
-        """Take the derivative at x."""
+        """Form the derivative at x."""
         at = self._equations.evaluate(x.array_r.copy())
         self._measure(at)
         self._equations.set_proximal(self._balance.proximal)
         self._step.set_up(at, self._balance.shift)
 
     def converged(self, snes: PETSc.SNES) -> int:
-        """Whether SNES' solution is one."""
+        """Converged reason if the present iterate of SNES is a solution."""
         self._measure(self._equations.evaluate(snes.getSolution().array_r.copy()))
         return int(REASONS.CONVERGED_FNORM_RELATIVE) if self._is_found else 0
 
     def shown(self, snes: PETSc.SNES) -> tuple[float, list[int]]:
-        """|R_u|, and closed rows of each contact on this rank."""
+        """|R_u|, and active constraints of each contact on this rank."""
         at = self._equations.evaluate(snes.getSolution().array_r.copy())
         self._measure(at)
         return self._balance.history[-1].residual, self._balance.num_closed(at)
@@ -165,6 +166,6 @@ class SnesOnZ:
             y.array[:] = self._equations.in_forces(self._step.multiply(x.array_r))
 
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """The product of its transpose; of factors alone."""
+        """The product of its transpose; available with factors only."""
         with self._newton.kept():
             y.array[:] = self._step.multiply(self._equations.in_forces(x.array_r), True)

@@ -7,8 +7,8 @@ import warnings
 
 from qsdolfinx.base.checks import POSITIVE, check, either
 
-#: Stiffness of springs that vanish with the residual: rings between plates take fewest iterations
-#: with it, an O-ring as many as without.
+#: Stiffness of springs that vanish with the residual. With this value, rings between plates take
+#: fewest iterations; an O-ring takes as many as without springs.
 VANISHING = 1e-3
 
 
@@ -59,5 +59,5 @@ class Stabilisation:
 
 
 def vanishing(settings: Stabilisation | None) -> float | None:
-    """Stiffness of springs in Newton's matrix; None without."""
+    """Stiffness of springs in Newton's matrix; None without stabilisation."""
     return None if settings is None else settings.stiffness or VANISHING

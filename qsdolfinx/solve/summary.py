@@ -1,4 +1,4 @@
-"""A line about every solve, for problems that are verbose."""
+"""Log one line for each solve, for verbose problems."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from qsdolfinx.solve.snes import ConvergenceError
 
 @contextlib.contextmanager
 def summary(newton: Newton, verbose: bool) -> typing.Iterator[None]:
-    """Log one line about the solve in the block. Collective, if that is wanted."""
+    """Log one line about the solve in the block, if verbose. Collective in this case."""
     if not verbose:
         yield
         return
@@ -42,7 +42,7 @@ def _effort(record: Record, begin: float) -> str:
 
 
 def _outcome(comm: MPI.Intracomm, contacts: typing.Sequence[ContactModel], record: Record) -> str:
-    """Active nodes, gaps and forces; of several contacts one after the other. Collective."""
+    """Active constraints, gaps and forces, for one contact after the other. Collective."""
     rows = [sum(p.num_rows for p in contact.gaps) for contact in contacts]
     rows = comm.allreduce(np.array(rows, dtype=np.int64), op=MPI.SUM).tolist()
     history = record.active_of_all(comm)

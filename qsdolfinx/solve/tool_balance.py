@@ -1,4 +1,4 @@
-"""Rigid tools that a force drives: where they begin."""
+"""Initial positions of force-controlled rigid tools."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Tools are brought to touch first if contact leaves more than this part of the force to be held.
+#: Tools are first moved into contact if contact leaves more than this part of the force unbalanced.
 NEAR = 0.5
 
 
 class Pressed(typing.NamedTuple):
-    """What a driven tool presses on in one pass of a contact.
+    """Contact of a force-controlled tool, on one integration side.
 
     Attributes:
         contact: The contact.
-        gap: The pass.
+        gap: The integration side.
         field: Displacement of the tool with s, its displacement along its direction.
         modulus: E of the slave, stress.
         with_friction: Whether it has friction.
@@ -46,21 +46,22 @@ class Pressed(typing.NamedTuple):
         return self.gap.change(self.field)
 
     def held(self) -> float:
-        """This rank's part of the force that pressure holds the tool with, last evaluated."""
+        """This rank's part of the contact force on the tool at the last evaluation."""
         pressure = self.gap.multiplier(self.contact.eps)
         return float(np.sum(self.gap.weight[:, None] * pressure * self.change))
 
 
 class ToolBalance:
-    """Where driven tools are at first: touching, and where they were if a solve fails.
+    """Move force-controlled tools into contact, and back if a solve fails.
 
-    R_i = force_i − Σ ∂ḡ/∂s_i·S λ is what pressure does not balance of the force on tool i.
+    R_i = force_i − Σ ∂ḡ/∂s_i·S λ is the part of the force on tool i that contact pressure does not
+    balance.
 
     Args:
-        system: The system, whose contacts know the motions of their tools.
+        system: The system; its contacts store the motions of their tools.
 
     Raises:
-        ValueError: If a force pulls a tool that only unilateral contact without friction holds.
+        ValueError: If a force pulls a tool that has only unilateral contact without friction.
     """
 
     def __init__(self, system: ContactSystem) -> None:
@@ -89,7 +90,7 @@ class ToolBalance:
         self._start = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
 
     def restore(self) -> None:
-        """Put the motions back that were there at first. Collective."""
+        """Restore the initial motions. Collective."""
         for tool, start in zip(self.tools, self._start, strict=True):
             tool.displacement, tool.rotation = start
         self._tell()
@@ -105,7 +106,7 @@ class ToolBalance:
         self._tell()
 
     def _sum(self, values: Array) -> Array:
-        # From one rank to all, so that all take the same decisions.
+        # Broadcast from one rank, so that all ranks take the same decisions.
         comm = self.tools[0].comm
         return np.asarray(comm.bcast(comm.reduce(values, op=MPI.SUM, root=0), root=0))
 
@@ -117,7 +118,7 @@ class ToolBalance:
     # --- Touching
 
     def approach(self) -> None:
-        """Move tools that hardly touch to where springs would hold them. Collective.
+        """Move tools that hardly touch to their equilibrium on springs. Collective.
 
         Contacts must have been evaluated.
         """
@@ -126,7 +127,7 @@ class ToolBalance:
         self._move(np.array(steps))
 
     def _settle(self, i: int) -> float:
-        """How far a tool moves until springs hold it; 0 if none ever do. Collective."""
+        """Displacement of a tool to its equilibrium on springs; 0 if there is none. Collective."""
         springs = [
             Springs(p.gap, p.change.reshape(-1, 1), p.modulus or p.contact.eps, j)
             for j, p in enumerate(self._pressed[i])

@@ -1,4 +1,4 @@
-"""Bodies that have turned where nothing but frictionless contact holds them."""
+"""Warn of bodies that have rotated where only frictionless contact holds them."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Array = npt.NDArray[np.float64]
 #: Kind of the finding.
 UNSUPPORTED = "body that turns freely"
 
-#: Displacement by a rotation, over the size of the body, that is noticed. A body that tilts until
-#: it rests stays below, or opens gaps: ``tests/solve/test_unsupported.py``.
+#: Displacement by a rotation, over the size of the body, above which there is a warning. A body
+#: that tilts until it is supported stays below, or opens gaps: ``tests/solve/test_unsupported.py``.
 NOTICED = 0.02
 
-#: Part of a rigid motion that changes gaps, below which it goes along the surfaces.
+#: Part of a rigid motion that changes gaps, below which the motion is along the surfaces.
 ALONG = 0.1
 
 
 def check_unsupported(system: ContactSystem, start: Array) -> None:
-    """Warn, once a contact and on all ranks, of bodies that have turned freely. Collective.
+    """Warn, once per contact and on all ranks, of bodies that have rotated freely. Collective.
 
     Args:
-        system: At the solution.
+        system: System at the solution.
         start: Unknowns at the start of the solve.
     """
     rigid = system.made.rigid

@@ -1,4 +1,4 @@
-"""Checkpoints: functions and arrays that are found again on any number of ranks."""
+"""Checkpoints: store functions and arrays, and load them on any number of ranks."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _MANIFEST = "checkpoint.json"
 class Checkpoint:
     """State of functions and meshes in a folder.
 
-    Values are stored with the input numbers of the vertices that they belong to, so that a program
-    which makes the same meshes finds them again on another partition and number of ranks. A folder
-    is written aside and renamed when it is whole; the one before it is only then removed.
+    Values are stored with the input numbers of their vertices. A program that creates the same
+    meshes can therefore load them on another partition and number of ranks. A folder is written
+    under another name and renamed when it is complete; only then the folder before is removed.
 
     Args:
-        comm: Communicator of all that is stored.
+        comm: Communicator of all stored objects.
         folder: The folder.
     """
 
@@ -55,14 +55,14 @@ class Checkpoint:
             functions: Functions with at most one node per vertex, edge, face or cell: P1, P2, MINI
                 and mixed spaces of them, piecewise constants; or of quadrature elements.
             meshes: Meshes with the coordinates to store, shape (geometry nodes, 3).
-            values: What JSON can hold, the same on all ranks.
-            whole: Arrays of rank 0 by files, see :meth:`arrays`.
-            points: Values of points and what they are known by on any partition, several with the
-                same keys among them, see :meth:`points`; shapes (points, n) each.
+            values: Values that JSON can store, the same on all ranks.
+            whole: Arrays of rank 0 for each file, see :meth:`arrays`.
+            points: Keys that identify points on any partition, and values of the points, see
+                :meth:`points`; shapes (points, n) each. Several points may have the same keys.
 
         Raises:
-            ValueError: If the nodes of a function cannot be told by vertices.
-            OSError: If files cannot be written; the checkpoint before is then as it was.
+            ValueError: If the nodes of a function cannot be identified by vertices.
+            OSError: If files cannot be written; the checkpoint before is then unchanged.
         """
         identities = _identities(self._comm, functions, meshes)
         aside = self._folder.with_name(self._folder.name + ".new")
@@ -76,7 +76,7 @@ class Checkpoint:
                     np.savez(aside / f"{name}.npz", **arrays)  # type: ignore[arg-type]
             self._write(aside, functions, meshes, dict(values), identities, points or {})
         except Exception:
-            if self._comm.rank == 0:  # nobody writes any more
+            if self._comm.rank == 0:  # all ranks have finished writing
                 shutil.rmtree(aside, ignore_errors=True)
             raise
 
@@ -129,7 +129,7 @@ class Checkpoint:
         return folder, json.loads((folder / _MANIFEST).read_text())
 
     def values(self) -> dict[str, typing.Any]:
-        """The values alone. Collective.
+        """Read the values only. Collective.
 
         Raises:
             OSError: If there is no checkpoint.
@@ -139,7 +139,7 @@ class Checkpoint:
         return typing.cast(dict[str, typing.Any], content["values"])
 
     def arrays(self, name: str) -> dict[str, npt.NDArray[typing.Any]] | None:
-        """Arrays of a file on rank 0, none on others; None there if it is not in it. Collective.
+        """Arrays of a file on rank 0, empty on others; None on rank 0 without the file. Collective.
 
         Raises:
             OSError: If there is no checkpoint.
@@ -157,11 +157,12 @@ class Checkpoint:
         """Keys and values of all stored points that have one of these keys. Collective.
 
         Args:
-            name: What they were stored as.
+            name: Name of the stored points.
             keys: The keys, shape (points, n).
 
         Returns:
-            Shapes (stored points, n) each; None if they are not in the checkpoint.
+            Keys and values, shapes (stored points, n) each; None if the name is not in the
+            checkpoint.
 
         Raises:
             OSError: If there is no checkpoint.
@@ -175,9 +176,9 @@ class Checkpoint:
         return wanted[number], found
 
     def _stored(self, names: typing.Iterable[str]) -> dict[str, tuple[Keys, Array]]:
-        """Keys and values of this rank's share of the files, each of which one rank reads.
+        """Keys and values in this rank's share of the files; one rank reads each file.
 
-        Empty of what is not in them.
+        Names that are not in these files have empty arrays.
         """
         folder, content = self._read()
         parts: dict[str, list[tuple[Keys, Array]]] = {name: [] for name in names}
@@ -197,7 +198,7 @@ class Checkpoint:
 
         Raises:
             OSError: If there is no checkpoint.
-            ValueError: If it is of something else; nothing is changed then.
+            ValueError: If the checkpoint is of another problem; nothing is changed then.
         """
         identities = _identities(self._comm, functions, meshes)
         with collective_errors(self._comm):
@@ -262,7 +263,7 @@ def _identities(
     functions: typing.Mapping[str, fem.Function],
     meshes: typing.Mapping[str, tuple[mesh.Mesh, Array]],
 ) -> dict[str, list[int]]:
-    """What tells meshes and spaces apart on any partition. Collective.
+    """Identify meshes and spaces on any partition. Collective.
 
     Returns:
         Number of unknowns and a digest of the cells, by name.
@@ -293,15 +294,15 @@ def _geometry_keys(msh: mesh.Mesh) -> Keys:
 
 
 def _function_keys(name: str, function: fem.Function) -> tuple[Keys, npt.NDArray[np.int32]]:
-    """Local unknowns and what they are known by on any partition.
+    """Local unknowns, and keys that identify them on any partition.
 
     Returns:
         Keys, shape (unknowns, n): number of the field, component, and the sorted input numbers of
         the vertices of the unknown's vertex, edge, face or cell; and the unknowns.
 
     Raises:
-        ValueError: If more than one node belongs to one of these, or it has a direction, unless
-            they are the points of a quadrature rule.
+        ValueError: If more than one node belongs to such an entity, or a node has a direction,
+            unless the nodes are the points of a quadrature rule.
     """
     keys, unknowns = [], []
     for number, V in enumerate(_leaves(function.function_space)):
@@ -347,10 +348,10 @@ def _cell_vertices(msh: mesh.Mesh) -> Keys:
 
 
 def _unrolled(V: fem.FunctionSpace) -> Keys:
-    """Local unknowns of the cells, those of a node one after the other, (cells, unknowns)."""
+    """Local unknowns of the cells, consecutive for each node, (cells, unknowns)."""
     bs, unrolled = V.dofmap.dof_layout.block_size, V.dofmap.list
     if V.dofmap.bs == bs:
-        # A rank may have no cells: reshape cannot guess then.
+        # A rank may have no cells: reshape cannot infer the size then.
         width = unrolled.shape[1] * bs
         unrolled = (unrolled[:, :, None] * bs + np.arange(bs)).reshape(len(unrolled), width)
     return np.asarray(unrolled, dtype=np.int64)
@@ -359,8 +360,8 @@ def _unrolled(V: fem.FunctionSpace) -> Keys:
 def _point_keys(V: fem.FunctionSpace) -> tuple[Keys, Keys]:
     """Keys and local unknowns of a quadrature element.
 
-    A partition may turn a cell's vertices, and its points with them: points are numbered by their
-    weights of the vertices, these in the order of their input numbers.
+    A partition may permute a cell's vertices, and so its points. Points are therefore numbered by
+    their barycentric weights, with the vertices in the order of their input numbers.
     """
     kind = getattr(basix.CellType, V.mesh.topology.cell_type.name)
     linear = basix.create_element(basix.ElementFamily.P, kind, 1)

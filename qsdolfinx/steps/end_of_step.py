@@ -1,4 +1,4 @@
-"""Where a time step has left the bodies of a contact, for whoever pairs it there."""
+"""Positions of the bodies of a contact at the end of a time step, for contact detection there."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Where a body is.
+    """Position of a body.
 
     Attributes:
         motion: How its mesh moves.
-        unknowns: Total displacements (length), ghosts included; zero of a body in velocities, whose
-            mesh has moved.
+        unknowns: Total displacements (length), including ghosts; zero for a velocity-based body,
+            whose mesh has moved.
     """
 
     motion: MeshMotion
@@ -33,7 +33,7 @@ class Place:
 
     @classmethod
     def of(cls, motion: MeshMotion, flows: bool) -> Place:
-        """Where the unknowns of a body put it now."""
+        """Present position of a body."""
         x = motion.u.x.array
         return cls(motion, np.zeros_like(x) if flows else x.copy())
 
@@ -42,7 +42,7 @@ class Place:
         return self._function(self.unknowns)
 
     def offset(self) -> fem.Function:
-        """What does not count of displacements, as the mesh that contact was paired on has it."""
+        """Part of the displacements already contained in the mesh at contact detection."""
         return self._function(-self.motion.carried(self.unknowns))
 
     def _function(self, values: Array) -> fem.Function:
@@ -52,14 +52,14 @@ class Place:
 
 
 def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
-    """Pair a contact where its bodies are; displacements and slip count from there. Collective.
+    """Update the contact pairs at the bodies' positions; slip counts from there. Collective.
 
-    Meshes are left where they were.
+    Displacements count from these positions, too. Meshes are not moved.
 
     Args:
         model: The contact.
-        slave: Where the body of the slave is.
-        master: The same of the master's, None for a rigid tool.
+        slave: Position of the slave body. master: Position of the master body, None for a rigid
+            tool.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.
@@ -72,14 +72,14 @@ def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
 
 
 def show_at(model: ContactModel, slave: Place, master: Place | None) -> None:
-    """Let a contact that was paired there show gaps and forces where its bodies are. Collective."""
+    """Evaluate gaps and forces of a contact, paired there, at the bodies' positions. Collective."""
     if model.penalty.value is not None:  # else nothing has been solved yet
         show(model, slave.displacements(), None if master is None else master.displacements())
 
 
 @contextlib.contextmanager
 def moved(places: typing.Sequence[Place]) -> typing.Iterator[None]:
-    """Meshes moved by the displacements inside the block."""
+    """Move the meshes by the displacements inside the block."""
     meshes = [place.motion.mesh.geometry for place in places]
     before = [geometry.x.copy() for geometry in meshes]
     for place, geometry in zip(places, meshes, strict=True):

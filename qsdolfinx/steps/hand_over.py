@@ -1,4 +1,4 @@
-"""From one scene to the next: what is carried over when bodies get new meshes."""
+"""Create the next scene after a remeshing, and transfer fields and history variables."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Change of forces, over the largest of them, above which there is a warning.
+#: Change of contact forces, over the largest force, above which there is a warning.
 JUMP = 0.005
 
 
@@ -83,12 +83,12 @@ class RemeshingReport(typing.NamedTuple):
 
 
 class _Balance(typing.NamedTuple):
-    """Equilibrium of a scene where it is.
+    """Equilibrium of a scene at its present positions.
 
     Attributes:
         unknowns: Solution of each body.
-        contacts: What contacts keep.
-        forces: On the slave of each contact; None if there is no equilibrium.
+        contacts: History variables of the contacts.
+        forces: Forces on the slave of each contact; None if there is no equilibrium.
     """
 
     unknowns: list[Array]
@@ -97,14 +97,14 @@ class _Balance(typing.NamedTuple):
 
 
 class HandOver:
-    """Makes the next scene.
+    """Create the next scene, with new meshes.
 
     Args:
-        remeshing: How.
+        remeshing: Settings of the remeshing.
         scene: The present scene.
-        prepare: Sets loads and motions of the step to come, and returns its Δt.
-        solve: Solves for a scene.
-        scene_of: Makes the scene of a problem.
+        prepare: Sets loads and motions of the coming step, and returns its Δt.
+        solve: Solves the problem of a scene.
+        scene_of: Creates the scene of a problem.
     """
 
     def __init__(
@@ -120,13 +120,13 @@ class HandOver:
         self._comm = scene.problem.comm
 
     def __call__(self, why: str, step: int, t: float) -> tuple[Scene, RemeshingReport]:
-        """Make new meshes, the problem on them, and find equilibrium there. Collective.
+        """Create new meshes and the problem on them, and find its equilibrium. Collective.
 
         Returns:
-            The new scene, and what has changed.
+            The new scene, and a report of the changes.
 
         Raises:
-            RemeshError: If no valid mesh can be made.
+            RemeshError: If no valid mesh can be created.
             ConvergenceError: If there is no equilibrium on the new mesh.
             ValueError: If ``build`` returns a problem with other bodies, contacts or tools.
         """
@@ -144,7 +144,7 @@ class HandOver:
             for kept, body in zip(known, made, strict=True)
         ]
         with warnings.catch_warnings():
-            # What new nodes on old facets are within the other side is pressed out here.
+            # Penetration of new nodes on old facets is resolved here.
             warnings.filterwarnings("ignore", "initial_overclosure", ContactWarning)
             built = remeshing.build(meshes, tags)
         problem, staggered = built if isinstance(built, tuple) else (built, None)
@@ -176,7 +176,7 @@ class HandOver:
         return new, report
 
     def _new_mesh(self, i: int) -> Remeshed | None:
-        """New mesh of a body in velocities; others keep theirs."""
+        """New mesh of a velocity-based body; other bodies keep their meshes."""
         if not self._old.in_velocity[i]:
             return None
         msh, remeshing = self._old.motions[i].mesh, self._remeshing
@@ -193,7 +193,7 @@ class HandOver:
         )
 
     def _fields(self) -> dict[str, fem.Function]:
-        """Functions to be carried over, as the user says now. Collective."""
+        """Functions to be transferred, as the user's function returns them now. Collective."""
         with collective_errors(self._comm):
             found = self._remeshing.fields()
             fits = isinstance(found, typing.Mapping) and all(
@@ -211,11 +211,11 @@ class HandOver:
         return float(self._comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM))
 
     def _balance(self, scene: Scene, must: bool) -> _Balance:
-        """Find equilibrium where a scene is, and leave it as it was. Collective.
+        """Find the equilibrium of a scene as it is, without changing the scene. Collective.
 
         Args:
             scene: The scene.
-            must: Whether to raise if there is none.
+            must: Whether to raise an error if there is none.
         """
         problem, start = scene.problem, scene.snapshot()
         models = [contact.model for contact in problem.contacts]
@@ -248,7 +248,7 @@ class HandOver:
         return _Balance(unknowns, contacts, forces)
 
     def _check(self, problem: ContactProblem, meshes: list[mesh.Mesh]) -> None:
-        """Refuse a problem that is not the same on other meshes. Collective."""
+        """Raise an error for a problem that differs in more than its meshes. Collective."""
         old = self._old
         with collective_errors(self._comm):
             fits = isinstance(problem, ContactProblem)
@@ -280,7 +280,7 @@ class HandOver:
                 require(len(staggered.before) == len(old.before), f"{text}, of as many unknowns")
 
     def _carry_staggered(self, new: Scene) -> None:
-        """Hand temperatures over. Collective."""
+        """Transfer the temperatures. Collective."""
         old = self._old.staggered
         if old is None or new.staggered is None:
             return
@@ -291,7 +291,7 @@ class HandOver:
         new.staggered.begin()
 
     def _keep_integral(self, old: fem.Function, new: fem.Function) -> None:
-        """Add a number to a temperature, so that the heat stays. Collective."""
+        """Add a constant to a temperature to conserve the heat. Collective."""
         weights = [self._weight(f.function_space.mesh) for f in (old, new)]
         forms = [w * f * ufl.dx for w, f in zip(weights, (old, new), strict=True)]
         forms.append(weights[1] * ufl.dx(new.function_space.mesh))

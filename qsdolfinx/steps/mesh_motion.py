@@ -1,4 +1,4 @@
-"""How a body's mesh moves with its unknowns."""
+"""Move a body's mesh with its unknowns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from qsdolfinx.system.rigid_modes import displacement_space
 Array = npt.NDArray[np.float64]
 Dofs = npt.NDArray[np.int32]
 
-#: Vertices next to each vertex of a cell, in the order that gives a right-handed corner.
+#: Corners of a cell: vertices next to each vertex, in right-handed order.
 _CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
     mesh.CellType.triangle: [(0, 1, 2)],
     mesh.CellType.quadrilateral: [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
@@ -43,14 +43,14 @@ _CORNERS: dict[mesh.CellType, list[tuple[int, ...]]] = {
 
 
 class MeshMotion:
-    """Moves the nodes of a body's mesh by its displacements or velocities.
+    """Move the nodes of a body's mesh by its displacements or velocities.
 
     Args:
         u: Unknown of the body; of a mixed space the first vector field with unknowns at vertices.
-        axisymmetric: Whether coordinates are (r, z), and the mesh stands for a body of revolution.
+        axisymmetric: Whether coordinates are (r, z), and the mesh represents a body of revolution.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no such field.
     """
 
     def __init__(self, u: fem.Function, axisymmetric: bool = False) -> None:
@@ -81,10 +81,10 @@ class MeshMotion:
     def values(self, x: Array | None = None) -> Array:
         """Unknowns at the mesh's nodes, shape (geometry nodes, 3), in 2D with zeros.
 
-        Those of a curved mesh's edges are interpolated, exact where u is of degree 2.
+        Values at the edge nodes of a curved mesh are interpolated, exactly if u is of degree 2.
 
         Args:
-            x: All unknowns of this rank; by default those of u.
+            x: All unknowns of this rank; by default the values of u.
         """
         out = np.zeros_like(self.reference)
         x = self.u.x.array if x is None else x
@@ -95,10 +95,10 @@ class MeshMotion:
         return out
 
     def carried(self, x: Array) -> Array:
-        """The part of unknowns that a mesh has in it when it was moved by them.
+        """Part of the unknowns that is contained in a mesh that was moved by them.
 
-        Straight cells stay straight: of a field of degree 2 it is what is linear between vertices,
-        and the rest is still to be counted.
+        Straight cells stay straight: of a field of degree 2, the mesh contains the linear part
+        between vertices. The rest must be added.
 
         Args:
             x: All unknowns of this rank.
@@ -115,7 +115,7 @@ class MeshMotion:
         if V is None or coordinate_element(self.mesh).degree > 1 or num_entity_dofs(V, 1) == 0:
             return []
         if V.sub(0).element.basix_element.family != basix.ElementFamily.P:
-            return []  # unknowns are no values
+            return []  # unknowns are not nodal values
         topology, layout = basix.topology(self.mesh.basix_cell()), V.dofmap.dof_layout
         cells = np.arange(len(V.dofmap.list), dtype=np.int32)[:, None]
         return [
@@ -129,11 +129,11 @@ class MeshMotion:
         ]
 
     def move(self, displacement: Array | float = 0.0) -> None:
-        """Put the mesh at the reference coordinates plus a displacement (length)."""
+        """Move the mesh to the reference coordinates plus a displacement (length)."""
         self.mesh.geometry.x[:] = self.reference + displacement
 
     def set_reference(self, x: Array) -> None:
-        """Take these coordinates as the reference, and move the mesh there."""
+        """Set these coordinates as the reference, and move the mesh there."""
         self.reference = x.copy()
         self.move()
 
@@ -148,14 +148,14 @@ class MeshMotion:
         """
         x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
         corners = self._corners(x) * self._sign
-        # Coordinates that are not finite are no shape at all.
+        # Coordinates that are not finite give the worst quality.
         local = float(np.min(np.nan_to_num(corners, nan=-np.inf), initial=1.0))
         if self._shape is not None:
             local = min(local, self._shape.worst(x[cell_nodes(self.mesh)]))
         return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
 
     def _corners(self, x: Array) -> Array:
-        """Determinant of the edges at each cell's corners over that of the best shape."""
+        """Determinant of the edges at each cell's corners, over that of the ideal shape."""
         geometry, kind = self.mesh.geometry, self.mesh.topology.cell_type
         gdim = geometry.dim
         x = x[cell_nodes(self.mesh)][:, : NUM_CELL_VERTICES[kind], :gdim]
@@ -174,7 +174,7 @@ class MeshMotion:
         return np.array(out)
 
     def volume(self) -> float:
-        """Volume of the mesh as it is: in 2D its area, axisymmetric that of the whole ring.
+        """Present volume of the mesh; area in 2D, volume of the whole ring if axisymmetric.
 
         Collective.
         """
@@ -186,21 +186,22 @@ class _NodeShapes(typing.NamedTuple):
     """Jacobians of curved cells at their nodes.
 
     Attributes:
-        gradients: Of the geometry's functions, shape (reference axes, nodes, functions).
+        gradients: Gradients of the geometry's shape functions, shape (reference axes, nodes,
+            functions).
     """
 
     gradients: Array
 
     @classmethod
     def of(cls, msh: mesh.Mesh) -> _NodeShapes | None:
-        """Those of a mesh; None if its cells are straight."""
+        """Jacobians of a mesh; None if its cells are straight."""
         if coordinate_element(msh).degree == 1:
             return None
         element = _geometry_element(msh)
         return cls(element.tabulate(1, element.points)[1:, :, :, 0])
 
     def worst(self, x: Array) -> float:
-        """Least Jacobian over its mean in the cell, x of shape (cells, nodes, 3), on this rank."""
+        """Smallest Jacobian over its cell mean, x of shape (cells, nodes, 3), on this rank."""
         gdim = len(self.gradients)
         with np.errstate(all="ignore"):
             J = np.einsum("jni,cid->cndj", self.gradients, x[:, :, :gdim])
@@ -222,20 +223,20 @@ def _geometry_element(msh: mesh.Mesh) -> typing.Any:
 
 
 def _at_nodes(V: fem.FunctionSpace) -> Array:
-    """Values of a space's functions at the geometry's nodes, shape (nodes, functions)."""
+    """Values of a space's shape functions at the geometry's nodes, shape (nodes, functions)."""
     element = V.sub(0).element.basix_element
     return np.asarray(element.tabulate(0, _geometry_element(V.mesh).points)[0, :, :, 0])
 
 
 def check_own_meshes(unknowns: typing.Sequence[fem.Function]) -> None:
-    """Refuse unknowns that would move one mesh, each by itself.
+    """Raise an error if two unknowns would move the same mesh.
 
     Raises:
-        ValueError: If two of them are on the same mesh.
+        ValueError: If two unknowns are on the same mesh.
     """
     meshes = [u.function_space.mesh for u in unknowns]
     for (i, first), (j, second) in itertools.combinations(enumerate(meshes), 2):
-        # Two objects of Python may stand for one mesh.
+        # Two Python objects may represent the same mesh.
         same = first is second or np.shares_memory(first.geometry.x, second.geometry.x)
         require(
             not same,

@@ -1,4 +1,4 @@
-"""How far contact may turn and slip in one step."""
+"""Limits of rotation and slip of contact surfaces in one step."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Array = npt.NDArray[np.float64]
 
 
 class MotionLimits:
-    """Tells of a step that turns or slips too far.
+    """Check whether a step rotates or slips too far.
 
     Args:
         contacts: The contacts.
-        max_rotation: Of tools and of normals of the surfaces (radians); None for no limit.
-        max_slip: Of closed nodes along the other surface, in units of the largest facet there is
-            at the node; None for no limit.
+        max_rotation: Largest rotation of tools and of surface normals (radians); None for no limit.
+        max_slip: Largest slip of active nodes along the other surface, over the largest facet at
+            the node; None for no limit.
     """
 
     def __init__(
@@ -41,17 +41,17 @@ class MotionLimits:
         self.max_rotation, self.max_slip = max_rotation, max_slip
 
     def fault_of(self, tools: typing.Sequence[RigidSurface]) -> str | None:
-        """What is wrong with the motion that tools have been told to make, before it is made."""
+        """Describe what is wrong with the prescribed motion of tools, before it is made."""
         if self.max_rotation is None:
             return None
         most = max((float(np.linalg.norm(tool.rotation)) for tool in tools), default=0.0)
         return self._turned("a tool", most)
 
     def fault(self, starts: typing.Sequence[Placement]) -> str | None:
-        """What is wrong with the motion at the last evaluation; None if nothing is. Collective.
+        """Describe what is wrong with the motion at the last evaluation; else None. Collective.
 
         Args:
-            starts: Where the surfaces were at the start of the step.
+            starts: Positions of the surfaces at the start of the step.
         """
         for contact, start in zip(self._contacts, starts, strict=True):
             now = contact.model.placement
@@ -74,9 +74,9 @@ class MotionLimits:
 
 
 def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
-    """The largest angle (radians) by which nodes' normals have turned. Collective."""
+    """Largest rotation angle (radians) of nodal normals. Collective."""
     if not isinstance(before, Place) or not isinstance(now, Place):
-        return 0.0  # tools are asked themselves
+        return 0.0  # tools are checked by their own rotation
     normals = [place.facets().node_normal for place in (before, now)]
     cosine = np.clip(np.sum(normals[0] * normals[1], axis=1), -1.0, 1.0)
     sine = np.linalg.norm(np.cross(normals[0], normals[1]), axis=1)
@@ -84,7 +84,7 @@ def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
 
 
 def _slip(model: ContactModel, start: Placement) -> float:
-    """The largest slip of closed nodes, or points that follow the bodies, in facets. Collective."""
+    """Largest slip of active nodes, or of points with updated geometry, in facets. Collective."""
     if model.gaps[0].cut is not None:
         return _slip_at_points(model, start)
     gap, slave, gdim = model.gaps[0], model.slave, model.slave.gdim
@@ -117,7 +117,7 @@ def _slip_at_points(model: ContactModel, start: Placement) -> float:
     there = master.positions() if isinstance(master, Place) else master.now
     found = gap.slip_at_points((start.slave.positions(), there))
     sizes = gap.following.facet_sizes(gap.cut)
-    count = len(sizes)  # the last rows are no points
+    count = len(sizes)  # the last constraints are not at points
     way = found.arc[:count] * np.linalg.norm(found.slip[:count], axis=1)
     share = way / sizes * active_set.closed(model, gap)[:count]
     return float(model.comm.allreduce(np.max(share, initial=0.0), op=MPI.MAX))

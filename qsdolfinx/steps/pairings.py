@@ -1,4 +1,4 @@
-"""Where contact pairs in a time step, and whether it has to do so once more."""
+"""Positions of contact detection in a time step, and the decision to repeat it."""
 
 from __future__ import annotations
 
@@ -24,33 +24,35 @@ from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
-#: Way along a surface from where contact paired to where it should have, in facets, from which on
-#: it pairs once more in the step; the second of bodies in velocities.
+#: Distance along a surface, in facets, between the positions of contact detection and the solution,
+#: above which the contact pairs are updated again in the step; the second value is for
+#: velocity-based bodies.
 FAR, FAR_FLOWING = 0.05, 0.25
 
-#: Angle (radians) by which facets have turned since, from which on it does so, too:
-#: ``tests/steps/test_large_steps.py``, blocks that turn together.
+#: Rotation (radians) of facets since contact detection, above which the contact pairs are updated
+#: again, too: ``tests/steps/test_large_steps.py``, blocks that turn together.
 FAR_TURNED = 0.02
 
-#: Traction that a tie has from gaps that turn by small rotations alone, over its largest one, from
-#: which on it counts them once more from where the solution is: ``tests/steps/test_ties.py``.
+#: Spurious traction of a tie from gaps that rotate by small rotations, over the largest traction,
+#: above which the gaps are computed again from the position of the solution:
+#: ``tests/steps/test_ties.py``.
 TURNED = 0.01
 
 
 class DistortedError(RuntimeError):
-    """A mesh cannot be where contact is to pair."""
+    """A mesh is invalid at the position of contact detection."""
 
 
 class Pairings:
-    """Where surfaces are in a step when contact pairs.
+    """Positions of surfaces at contact detection in a step.
 
-    Bodies in displacements, and what touches them, are paired at the end of the step; bodies in
-    velocities after a part θ of it, so that their forces act along the normals there (with θ = 0 at
-    its start, and at its end if contact pairs again).
+    Displacement-based bodies, and surfaces that touch them, are paired at the end of the step.
+    Velocity-based bodies are paired after a part θ of it, so that their forces act along the
+    normals there (with θ = 0 at its start, and at its end if the contact pairs are updated again).
 
     Args:
         problem: The problem.
-        motions: How the meshes of its bodies move.
+        motions: Mesh motions of its bodies.
         tools: Rigid tools, each once.
         in_velocity: Whether a body has velocities.
         theta: θ.
@@ -66,7 +68,7 @@ class Pairings:
     ) -> None:
         self._problem, self._motions, self._tools = problem, motions, tools
         self._in_velocity, self._theta = in_velocity, theta
-        #: By how much the last solution misses what was expected of the step (length).
+        #: Difference between the last solution and the prediction for the step (length).
         self.missed: list[Array] = []
 
     def begin(
@@ -76,17 +78,17 @@ class Pairings:
         rates: list[Array],
         tool_rates: typing.Sequence[ToolRate],
     ) -> None:
-        """Pair where the rates of the last step lead to. Collective.
+        """Update the contact pairs at the positions predicted by the last step's rates. Collective.
 
         Args:
             dt: Δt.
             start: State at the start of the step.
-            rates: Velocities of the last step, length per time; those of bodies in velocities say
-                where their meshes are when they are solved for.
-            tool_rates: The same of tools.
+            rates: Velocities of the last step, length per time; for velocity-based bodies they
+                determine the positions of the meshes in the solve.
+            tool_rates: Velocities of the tools.
 
         Raises:
-            DistortedError: If a cell turns inside out on the way.
+            DistortedError: If a cell is inverted on the way.
         """
         self._dt, self._start, self._known = dt, start, rates
         self._rates = rates
@@ -99,7 +101,7 @@ class Pairings:
         self._pair(self._places(rates, self._theta))
 
     def learn_velocities(self) -> None:
-        """Pair, and put the meshes, where the velocities just found lead to. Collective.
+        """Update contact pairs and meshes at the positions given by the new velocities. Collective.
 
         Raises:
             DistortedError: As :meth:`begin`.
@@ -108,7 +110,7 @@ class Pairings:
         self.again()
 
     def again(self) -> None:
-        """Pair where the solution leads to. Collective.
+        """Update the contact pairs at the positions of the solution. Collective.
 
         Raises:
             DistortedError: As :meth:`begin`.
@@ -118,7 +120,7 @@ class Pairings:
         self._pair(self._now())
 
     def have_slid(self) -> bool:
-        """Whether what is in contact is far from where it was paired. Collective."""
+        """Whether contact is far from the positions of contact detection. Collective."""
         off = [now - at for now, at in zip(self._now(), self._paired, strict=True)]
         for contact, (s, m) in self._sides():
             if contact.model.follows:
@@ -135,10 +137,10 @@ class Pairings:
         return False
 
     def swing(self, missed_before: list[Array]) -> bool:
-        """Whether the step misses what was expected of it to the other side. Collective.
+        """Whether the prediction error of the step has changed its sign. Collective.
 
         Args:
-            missed_before: What the last step has missed, length.
+            missed_before: Prediction error of the last step, length.
         """
         self.missed, moved = [], []
         for i, motion in enumerate(self._motions):
@@ -151,28 +153,28 @@ class Pairings:
     # --- Places
 
     def _now(self) -> list[Array]:
-        """Where the solution leads to, see :meth:`_places`."""
+        """Positions given by the solution, see :meth:`_places`."""
         return self._places([motion.u.x.array for motion in self._motions], self._theta or 1.0)
 
     def _places(self, velocities: typing.Sequence[Array], part: float) -> list[Array]:
-        """Displacements of all unknowns from the references of the meshes to where they pair."""
+        """Displacements from the reference meshes to the positions of contact detection."""
         return [
             part * self._dt * velocities[i] if flows else motion.u.x.array.copy()
             for i, (motion, flows) in enumerate(zip(self._motions, self._in_velocity, strict=True))
         ]
 
     def _part_of_step(self, tool: RigidSurface, part: float) -> float:
-        """After which contact pairs with a tool: where the body is that it touches."""
+        """Part of the step after which a tool is paired: that of the body that it touches."""
         flows = [self._in_velocity[s] for c, (s, _) in self._sides() if c.master is tool]
         return part if any(flows) else 1.0
 
     def _left(self, tool: RigidSurface) -> tuple[Array, Array]:
-        """Displacement and rotation of a tool from where it is to where it should be paired."""
+        """Displacement and rotation of a tool from its position to that of contact detection."""
         part = self._part_of_step(tool, self._theta or 1.0)
         return left_until(tool, self._start.pose_of(tool), part)
 
     def _way(self, tool: RigidSurface) -> Affine:
-        """The same as a displacement field."""
+        """This motion of a tool as a displacement field."""
         displacement, rotation = self._left(tool)
         return rotation_about(rotation_matrix(rotation), tool.center, displacement)
 
@@ -180,7 +182,7 @@ class Pairings:
         return zip(self._problem.contacts, self._problem.sides, strict=True)
 
     def _pair(self, places: list[Array]) -> None:
-        """Pair with the surfaces at these places, and put the meshes for the solver."""
+        """Update the contact pairs at these positions, and move the meshes for the solver."""
         self._paired = places
         self._follow()
         offsets, starts = [], []
@@ -204,7 +206,7 @@ class Pairings:
         interrupt.look(self._problem.comm)
 
     def _follow(self) -> None:
-        """Let contacts that follow the bodies count from where the step starts."""
+        """Set the start of the step as the reference of contacts with updated geometry."""
         following = [(c.model, sides) for c, sides in self._sides() if c.model.follows]
         if not following:
             return
@@ -212,7 +214,7 @@ class Pairings:
             for motion in self._motions:
                 motion.move()
         for model, (s, m) in following:
-            model.catch_up = None  # nothing is to be paired anew
+            model.catch_up = None  # no update of the contact pairs is needed
             if any(self._in_velocity[i] for i in (s, m) if i is not None):
                 follow_meshes(model)
             set_start(model, self._start_of(s), None if m is None else self._start_of(m))

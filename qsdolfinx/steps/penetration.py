@@ -1,4 +1,4 @@
-"""How deep bodies and tools are in each other at the end of a step."""
+"""Check the penetration of bodies and tools at the end of a step."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from qsdolfinx.contact.reach import NOTICED, reach
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
-#: Depth, in units of the largest facet, above which a step is refused by default.
+#: Depth, in units of the largest facet, above which a step is rejected by default.
 AUTOMATIC = 0.5
 
-#: Motion in a step, in units of that which brings no point from beyond what is paired, from which
-#: on points are followed.
+#: Motion in a step above which points are tracked, in units of the largest motion that brings no
+#: point in from beyond the contact pairs.
 FOLLOWED = 0.5
 
 
 class Penetration:
-    """Tells of points that are too deep at the end of a step, however they got there.
+    """Check for points with too large a penetration at the end of a step, whatever the cause.
 
     Args:
         contacts: The contacts.
-        limit: Depth that is too much (length), ``"auto"``, or None for none.
+        limit: Largest accepted depth (length), ``"auto"``, or None for no limit.
     """
 
     def __init__(self, contacts: typing.Sequence[Contact], limit: float | str | None) -> None:
         self._contacts, self.limit = contacts, limit
-        #: Of each contact a bound of its depth at the end of the last step; None if unknown.
+        #: Bound of the depth of each contact at the end of the last step; None if unknown.
         self._known: list[float | None] = [None for _ in contacts]
         self._new = list(self._known)
 
@@ -41,14 +41,14 @@ class Penetration:
         return self.limit is not None
 
     def starts(self) -> list[Placement]:
-        """Where the surfaces of each contact are, before a step."""
+        """Positions of the surfaces of each contact, before a step."""
         return [_start(contact) for contact in self._contacts]
 
     def fault(self, starts: typing.Sequence[Placement]) -> str | None:
-        """What is too deep at the last evaluation, and where; None if nothing is. Collective.
+        """Describe the largest penetration if it is too deep, and its place; else None. Collective.
 
         Args:
-            starts: Where surfaces were at the start of the step.
+            starts: Positions of the surfaces at the start of the step.
         """
         if self.limit is None:
             return None
@@ -58,14 +58,14 @@ class Penetration:
                 continue
             try:
                 text = self._fault(i, contact, start)
-            except DegenerateFacetsError as error:  # too large a step for these facets
+            except DegenerateFacetsError as error:  # the step is too large for these facets
                 text = str(error)
             if text is not None:
                 return text if len(self._contacts) == 1 else f"{contact.model.called(i)}: {text}"
         return None
 
     def accept(self) -> None:
-        """Keep what is known of this end of a step for the next one."""
+        """Keep the bounds at the end of this step for the next step."""
         self._known = self._new
 
     def _fault(self, i: int, contact: Contact, start: Placement) -> str | None:
@@ -78,7 +78,7 @@ class Penetration:
         allowed = contact.model.overclosure.allowed
         self._new[i] = deepest = depth.penetration(model)
         too_deep = deepest - allowed > limit
-        # What counts as closed has no place.
+        # Points that count as active have no place.
         place = next(iter(depth.deepest(model, 1)), None) if too_deep else None
         if not seen:
             unpaired = NOTICED * model.paired.facet_size
@@ -106,5 +106,5 @@ def _start(contact: Contact) -> Placement:
     placement, tool = contact.model.placement, as_tool(contact.master)
     if tool is None:
         return placement
-    # Somebody may have put the tool elsewhere since.
+    # The tool may have been moved since.
     return dataclasses.replace(placement, master=ToolPlace(tool, tool.position))

@@ -1,4 +1,4 @@
-"""How much of the last step's motion the next one begins with."""
+"""Part of the last step's motion that predicts the start of the next step."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
-#: Part below which a step begins where the last one ended: what solvers leave of residuals is
-#: some 1e-9 of the forces. No unit; tests/steps/test_prediction.py.
+#: Part below which a step begins at the end of the last step: solvers leave residuals of some 1e-9
+#: of the forces. No unit; tests/steps/test_prediction.py.
 NONE = 1e-3
 
 
@@ -30,25 +30,25 @@ def part_of_rates(
     tool_rates: typing.Sequence[ToolRate],
     dt: float,
 ) -> float:
-    """Part, from 0 to 1, of the last step's motion that the loads of this one continue. Collective.
+    """Part, from 0 to 1, of the last step's motion that this step's loads continue. Collective.
 
-    Where the bodies are, under the new loads and conditions and the contact forces of the last
-    step, the residual is R; of the bodies where the last velocities v lead to it is R₁. The
-    potential energy along this way is least after the part -R·v / (R₁ - R)·v. It is 1 where loads
-    go on as before, and 0 where they rest, turn round, or act across v: a step without a change of
-    loads begins, and ends, in the equilibrium that there is.
+    Let R be the residual at the present positions of the bodies, under the new loads and conditions
+    and the contact forces of the last step. Let R₁ be the residual at the positions given by the
+    last velocities v. The potential energy along this path has its minimum after the part -R·v /
+    (R₁ - R)·v. The part is 1 if loads continue as before, and 0 if they are constant, reverse, or
+    act across v: a step without a change of loads begins, and ends, in the present equilibrium.
 
-    Tools act on bodies by contact alone, so that the part of their own motion counts if it is more.
-    Bodies in velocities, and tools that a force drives, go on as before; and so do all bodies where
-    a contact does not follow them: small sliding, which pairs where the last velocities lead to,
-    ties and scalar fields.
+    Tools act on bodies by contact alone, so the part of the tools' own motion is used if it is
+    larger. Velocity-based bodies and force-controlled tools continue as before. All bodies continue
+    as before if a contact has no updated geometry: small sliding, with contact detection at the
+    positions given by the last velocities, ties and scalar fields.
 
     Args:
         problem: The problem, after the loads of the step have been set.
         in_velocity: Whether the unknowns of each body are velocities.
-        rates: Velocities of the bodies in the last step (length per time), ghosts included.
+        rates: Velocities of the bodies in the last step (length per time), including ghosts.
         tools: The rigid tools.
-        tool_rates: Velocities of these.
+        tool_rates: Velocities of the tools.
         dt: Δt of the step.
     """
     if any(in_velocity) or any(tool.driven is not None for tool in tools):
@@ -64,7 +64,7 @@ def part_of_rates(
 
 
 def _part_of_tool(tool: RigidSurface, rate: ToolRate, dt: float) -> float:
-    """Part of a tool's last motion that its next one continues; 0 if it has rested."""
+    """Part of a tool's last motion that its next motion continues; 0 if it did not move."""
     before = dt * np.concatenate([rate.displacement, rate.rotation])
     if not np.any(before):
         return 0.0

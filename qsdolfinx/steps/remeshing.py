@@ -115,7 +115,7 @@ class Remeshing:
         check(either(POSITIVE, None), gradation=gradation)
         check(one_of(MESHERS), mesher=mesher)
         self.build, self.size = build, size
-        #: Tags of the facets of the present meshes, None where a body has none.
+        #: Facet tags of the present meshes, None for a body without tags.
         self.facet_tags: list[mesh.MeshTags | None] | None = None
         if facet_tags is not None:
             self.facet_tags = list(facet_tags)

@@ -1,4 +1,4 @@
-"""Values that ranks have by keys, for ranks that want those of some keys."""
+"""Exchange values by keys between ranks."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ Indices = npt.NDArray[np.int64]
 
 
 def find(comm: MPI.Intracomm, known: Keys, values: Array, wanted: Keys) -> tuple[Indices, Array]:
-    """Find the values of keys that any rank has. Collective.
+    """Find the values of keys, stored on any rank. Collective.
 
-    Keys meet on a rank that follows from their numbers: each rank holds its share of the keys for a
-    moment, and none holds all of them.
+    Known and wanted keys are compared on a rank that is computed from the key. Each rank
+    temporarily stores its share of the keys; no rank stores all of them.
 
     Args:
         comm: Communicator of the ranks.
-        known: Keys that this rank has values of, (known, n); a key may come several times, on any
+        known: Keys whose values this rank has, (known, n); a key may occur several times, on any
             ranks.
         values: Their values, (known, m).
-        wanted: Keys that this rank wants the values of, (wanted, n).
+        wanted: Keys whose values this rank needs, (wanted, n).
 
     Returns:
         For each value that was found: the number of its key in ``wanted``, (found,), and the value,
@@ -40,7 +40,7 @@ def find(comm: MPI.Intracomm, known: Keys, values: Array, wanted: Keys) -> tuple
 
 
 def _by_rank(comm: MPI.Intracomm, keys: Keys) -> list[Indices]:
-    """Numbers of the keys that meet on each rank: a digest of their columns decides."""
+    """Indices of the keys assigned to each rank, by a digest of their columns."""
     digest = np.zeros(len(keys), dtype=np.uint64)
     for column in keys.astype(np.uint64).T:
         digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
@@ -50,7 +50,7 @@ def _by_rank(comm: MPI.Intracomm, keys: Keys) -> list[Indices]:
 
 
 def _matches(keys: Keys, wanted: Keys) -> tuple[Indices, Indices]:
-    """Pairs of equal keys: their numbers in ``wanted``, and in ``keys``, which may repeat."""
+    """Pairs of equal keys: their indices in ``wanted``, and in ``keys``, where keys may repeat."""
     if len(keys) == 0 or len(wanted) == 0 or keys.shape[1] != wanted.shape[1]:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     _, label = np.unique(np.vstack([keys, wanted]), axis=0, return_inverse=True)

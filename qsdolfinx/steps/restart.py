@@ -75,7 +75,7 @@ def save_run(
 
 
 def _look_for_states(stepper: TimeStepper, saved: typing.Mapping[str, fem.Function]) -> None:
-    """Warn of functions at quadrature points that forms depend on and that are not saved."""
+    """Warn if forms depend on functions at quadrature points that are not saved."""
     kept = {id(function) for function in saved.values()}
     lost = sorted(
         f"{function.name!r} of u[{i}]"
@@ -157,7 +157,8 @@ def load_run(
     for i, (model, saved) in enumerate(zip(models, values["contacts"], strict=True)):
         memory.write(memory.of_contact(model), saved)
         for q in memory.of_nodes(model):
-            # The next step turns τ̂ to its tangent planes; turned here too it would be another.
+            # The next step rotates τ̂ to its tangent planes; rotating it here, too, would change
+            # it.
             q.write(_read(q.slave, of_nodes, _name(i, q.name), q.read().shape[1]))
         for j in _at_points(model):
             slip = model.slips[j]
@@ -172,7 +173,7 @@ def load_run(
 def _check(
     stepper: typing.Any, folder: typing.Any, functions: typing.Any, values: typing.Any
 ) -> None:
-    """Refuse arguments of another type or that differ between ranks. Collective."""
+    """Raise an error for arguments of a wrong type or that differ between ranks. Collective."""
     check(instance(TimeStepper, "a TimeStepper"), stepper=stepper)
     with checked(stepper.problem.comm) as same:
         check(PATH, folder=folder)
@@ -204,13 +205,13 @@ def _meshes(stepper: TimeStepper) -> dict[str, tuple[mesh.Mesh, npt.NDArray[np.f
 
 
 def _kind(model: ContactModel) -> str:
-    """What a contact keeps, in words: of another kind it would be something else."""
+    """Describe the kind of history variables of a contact, for comparison with a checkpoint."""
     friction = "without friction" if model.friction is None else "with friction"
     return f"{model.settings.formulation} {friction}"
 
 
 def _of_nodes(models: typing.Sequence[ContactModel]) -> dict[str, fem.Function]:
-    """What nodes of contacts remember, as functions of degree 1, gdim columns each. Collective."""
+    """Nodal history variables of contacts, functions of degree 1, gdim columns each. Collective."""
     out: dict[str, fem.Function] = {}
     for i, model in enumerate(models):
         for q in memory.of_nodes(model):
@@ -222,12 +223,12 @@ def _of_nodes(models: typing.Sequence[ContactModel]) -> dict[str, fem.Function]:
 
 
 def _name(i: int, name: str) -> str:
-    """Of a quantity of a contact."""
+    """Name of a quantity of a contact."""
     return f"contact_{i}_{name}"
 
 
 def _written(slave: Surface, values: Array, name: str) -> dict[str, fem.Function]:
-    """Values of nodes in functions whose names have numbers. Collective."""
+    """Nodal values as functions with numbered names. Collective."""
     surface = slave.linear
     parts = range(0, values.shape[1], surface.gdim)
     columns = [_padded(values[:, k : k + surface.gdim], surface.gdim) for k in parts]
@@ -237,7 +238,7 @@ def _written(slave: Surface, values: Array, name: str) -> dict[str, fem.Function
 def _read(
     slave: Surface, functions: typing.Mapping[str, fem.Function], name: str, width: int
 ) -> Array:
-    """What :func:`_written` has written, (nodes, width). Collective."""
+    """Read the values that :func:`_written` has written, (nodes, width). Collective."""
     surface = slave.linear
     count = -(-width // surface.gdim)
     values = [surface.node_values(functions[f"{name}_{k}"]) for k in range(count)]
@@ -245,12 +246,12 @@ def _read(
 
 
 def _at_points(model: ContactModel) -> list[int]:
-    """Numbers of the slips with rows at points."""
+    """Indices of the slips with constraints at points."""
     return [j for j, slip in enumerate(model.slips) if slip.gap.rows.are_points]
 
 
 def _points(models: typing.Sequence[ContactModel]) -> dict[str, tuple[Indices, Array]]:
-    """What points of slips have beyond their nodes. Collective."""
+    """Values of the points of slips, in addition to nodal values. Collective."""
     return {
         f"points_{i}_{j}": stored_points(model.slips[j])
         for i, model in enumerate(models)
@@ -259,7 +260,7 @@ def _points(models: typing.Sequence[ContactModel]) -> dict[str, tuple[Indices, A
 
 
 def _padded(values: Array, gdim: int) -> Array:
-    """With columns of zeros, so that there are gdim."""
+    """Append columns of zeros up to gdim columns."""
     return np.pad(values, ((0, 0), (0, gdim - values.shape[1])))
 
 

@@ -1,4 +1,4 @@
-"""What time steps move: the bodies, contacts and tools of one problem."""
+"""Bodies, contacts and tools of one problem, as moved by time steps."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Array = npt.NDArray[np.float64]
 
 
 class Scene:
-    """A problem as time steps see it; another mesh of a body makes another scene.
+    """A problem as used by time steps; each remeshing creates a new scene.
 
     Args:
         problem: The problem.
-        theta: Part of a step after which bodies in velocities are solved for.
+        theta: Part of a step after which velocity-based bodies are solved for.
         max_rotation: See :class:`qs.TimeStepper`.
         max_slip: See :class:`qs.TimeStepper`.
         max_penetration: See :class:`qs.TimeStepper`.
-        staggered: What is solved after the bodies in each step; None for nothing.
+        staggered: Problem that is solved after the bodies in each step; None if there is none.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Scene:
     ) -> None:
         self.problem = problem
         self.staggered = staggered
-        #: How the meshes of the bodies move.
+        #: Mesh motions of the bodies.
         self.motions = [
             MeshMotion(u, is_ring)
             for u, is_ring in zip(problem.u, _are_rings(problem), strict=True)
@@ -52,25 +52,25 @@ class Scene:
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step, as ``TimeStepper.rates``.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
-        #: The same of rigid tools.
+        #: Velocities of the rigid tools in the last step.
         self.tool_rates = [ToolRate.zero(tool) for tool in self.tools]
-        #: By how much the last step missed what was expected of it, length.
+        #: Difference between the last step and its prediction, length.
         self.missed: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]
         self.limits = MotionLimits(problem.contacts, max_rotation, max_slip)
         self.penetration = Penetration(problem.contacts, max_penetration)
         self.pairings = self.pairings_after(theta)
 
     def pairings_after(self, theta: float) -> Pairings:
-        """Where contact pairs in a step whose bodies in velocities are solved for after θ."""
+        """Contact detection in a step whose velocity-based bodies are solved for after θ."""
         return Pairings(self.problem, self.motions, self.tools, self.in_velocity, theta)
 
     def snapshot(self) -> Snapshot:
-        """The state as it is."""
+        """Snapshot of the present state."""
         return Snapshot(self.problem, self.motions, self.tools)
 
 
 def _are_rings(problem: ContactProblem) -> list[bool]:
-    """Whether each body is axisymmetric, as the surfaces of its contacts say."""
+    """Whether each body is axisymmetric, according to the surfaces of its contacts."""
     out = [False] * len(problem.u)
     for contact, sides in zip(problem.contacts, problem.sides, strict=True):
         for i in sides:

@@ -1,4 +1,4 @@
-"""What an attempt at a time step changes, to be put back if it fails."""
+"""Store the state before an attempt at a time step, to restore it after a failure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Snapshot:
 
     Args:
         problem: The problem.
-        motions: How the meshes of its bodies move.
+        motions: Mesh motions of its bodies.
         tools: Rigid tools.
     """
 
@@ -31,26 +31,26 @@ class Snapshot:
         tools: typing.Sequence[RigidSurface],
     ) -> None:
         self._contacts, self._motions, self._tools = problem.contacts, motions, tools
-        #: Unknowns of the bodies, ghosts included.
+        #: Unknowns of the bodies, including ghosts.
         self.unknowns = [u.x.array.copy() for u in problem.u]
         self._multipliers = [multipliers.on_nodes(c.model.parts) for c in problem.contacts]
         self._shown = [ContactState(contact.model) for contact in problem.contacts]
         self._states = [tool.state for tool in tools]
 
     def pose_of(self, tool: RigidSurface) -> Pose:
-        """Where a tool was."""
+        """Position of a tool at the snapshot."""
         both = zip(self._tools, self._states, strict=True)
         return next(state.pose for known, state in both if known is tool)
 
     def motion_since(self, tool: RigidSurface) -> Affine:
-        """Displacement of a tool since then, as a field over the places where it is now."""
+        """Displacement of a tool since the snapshot, as a field over its present position."""
         before = self.pose_of(tool).matrix
         d = before.shape[0]
         back = (tool.position[:, :d] @ before[:, :d].T).T
         return Affine(np.eye(d) - back, back @ tool.position[:, d] - before[:, d])
 
     def restore(self) -> None:
-        """Put back unknowns, meshes, tools, and what the contacts show."""
+        """Restore unknowns, meshes, tools, and the results of the contacts."""
         for motion, unknowns in zip(self._motions, self.unknowns, strict=True):
             motion.u.x.array[:] = unknowns
             motion.move()
@@ -60,6 +60,6 @@ class Snapshot:
             tool.restore(state)
 
     def restore_multipliers(self) -> None:
-        """Put the multipliers at the nodes that are paired now."""
+        """Restore the multipliers at the nodes that are paired now."""
         for contact, kept in zip(self._contacts, self._multipliers, strict=True):
             multipliers.set_on_nodes(contact.model.parts, kept)

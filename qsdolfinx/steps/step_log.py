@@ -1,4 +1,4 @@
-"""The attempts of a run, one row each: which were accepted, which were cut back, and why."""
+"""Log of the attempts of a run: which were accepted, which were cut back, and why."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def reason_of(error: Exception, names: typing.Sequence[str]) -> str:
     """Why an attempt has failed, in one line.
 
     Args:
-        error: What it has raised.
-        names: Of the contacts.
+        error: The error that it has raised.
+        names: Names of the contacts.
     """
     if not isinstance(error, ConvergenceError):
         return str(error)
@@ -128,7 +128,7 @@ def _unsettled(history: typing.Sequence[typing.Sequence[int]], names: typing.Seq
     """Contacts whose active set still changed in the last iteration, as the end of a sentence."""
     if len(history) < 2:
         return ""
-    if len(names) != len(history[-1]):  # of another problem, such as of heat
+    if len(names) != len(history[-1]):  # in another problem, such as a thermal one
         names = [f"contact {i}" for i in range(len(history[-1]))]
     changes = zip(names, history[-2], history[-1], strict=True)
     texts = [f"{name} ({before} to {after} closed)" for name, before, after in changes

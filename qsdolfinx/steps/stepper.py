@@ -49,7 +49,7 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
-#: Pairings at most that a step has to make on top of those asked for.
+#: Most updates of the contact pairs in a step in addition to the requested ones.
 MORE_PAIRINGS = 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)
@@ -63,11 +63,11 @@ class StepError(RuntimeError):
 
 
 class _Fault(Exception):
-    """What is wrong with the solution of an attempt.
+    """Error in the solution of an attempt.
 
     Attributes:
         hopeless: Whether a smaller Δt would not help.
-        distorted: Whether it is a mesh that is distorted.
+        distorted: Whether a mesh is distorted.
     """
 
     def __init__(self, text: str, hopeless: bool = False, distorted: bool = False) -> None:
@@ -244,7 +244,7 @@ class TimeStepper:
 
     @property
     def motions(self) -> list[MeshMotion]:
-        """How the meshes of the bodies move."""
+        """Mesh motions of the bodies."""
         return self._scene.motions
 
     @property
@@ -377,14 +377,14 @@ class TimeStepper:
         return report
 
     def _prepare(self) -> float:
-        """Set loads and motions of the step to come; returns its Δt."""
+        """Set loads and motions of the coming step; returns its Δt."""
         dt = min(self.dt, self.dt_max)
         with collective_errors(self.problem.comm), interrupt.user_code():
             self.drive(self.t + dt, dt)
         return dt
 
     def _balance(self, scene: Scene) -> None:
-        """Solve for a scene, with the user's function."""
+        """Solve the problem of a scene, with the user's function."""
         self._scene = scene
         try:
             self._solve(self.num_steps)
@@ -412,7 +412,7 @@ class TimeStepper:
         attempt = 0
         while True:
             attempt += 1
-            # t + (t_end - t) need not be t_end.
+            # t + (t_end - t) may differ from t_end by rounding.
             lands = t_end is not None and dt == t_end - self.t
             t = t_end if lands and t_end is not None else self.t + dt
             before = self.num_iterations
@@ -448,7 +448,7 @@ class TimeStepper:
         error: Exception | None,
         is_last: bool = False,
     ) -> None:
-        """Add an attempt to the log, and say it if it is cut back. Collective."""
+        """Add an attempt to the log, and print a message if it is cut back. Collective."""
         system = self.problem.system
         names = [contact.called(i) for i, contact in enumerate(system.contacts)]
         reason = "" if error is None else reason_of(error, names)
@@ -474,7 +474,7 @@ class TimeStepper:
             self.staggered.restore()
 
     def _planned(self, t_end: float | None) -> float:
-        """Δt to try first, so that there is no tiny last step: the rest is one or two equal parts.
+        """Δt of the first attempt; no tiny last step: the rest is one or two equal parts.
 
         Raises:
             ValueError: If t_end is not ahead.
@@ -556,11 +556,11 @@ class TimeStepper:
 
     @property
     def _all_follow(self) -> bool:
-        """Whether all contacts follow the bodies, and need not pair again."""
+        """Whether all contacts use updated geometry, so that contact detection is not repeated."""
         return all(contact.model.follows for contact in self.problem.contacts)
 
     def _pair_again(self, dt: float, start: Snapshot) -> None:
-        """Pair where the solution leads to, and solve again."""
+        """Update the contact pairs at the solution, and solve again."""
         self._check_shape(dt, start)
         self._scene.pairings.again()
         self._run_solver()
@@ -574,7 +574,7 @@ class TimeStepper:
             self._num_solves += 1
 
     def _check_shape(self, dt: float, start: Snapshot) -> None:
-        """Refuse cells that would be distorted at the end of the step."""
+        """Raise an error for cells that would be distorted at the end of the step."""
         for i, motion in enumerate(self.motions):
             x, flows = motion.u.x.array, self.in_velocity[i]
             quality = motion.quality(motion.reference + motion.values(x * dt if flows else x))
@@ -588,7 +588,7 @@ class TimeStepper:
                 )
 
     def _check_motion(self) -> None:
-        """Refuse what is too deep, or has turned or slipped too far."""
+        """Raise an error if penetration, rotation or slip is too large."""
         fault = self._scene.limits.fault(self._starts) or self._scene.penetration.fault(
             self._starts
         )
@@ -611,7 +611,7 @@ class TimeStepper:
         if self.staggered is not None:
             self.staggered.accept()
         self._scene.missed = self._scene.pairings.missed
-        # What contacts show stays that of the step until somebody solves.
+        # Results of contacts remain those of the step until the next solve.
         for model, slave, master in self.ends():
             model.catch_up = functools.partial(pair_at, model, slave, master)
         self.t = t

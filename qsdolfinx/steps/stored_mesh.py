@@ -24,9 +24,9 @@ Arrays = dict[str, npt.NDArray[np.generic]]
 
 
 def stored(stepper: TimeStepper) -> dict[str, Arrays]:
-    """What rank 0 keeps of the meshes of bodies that get new ones, by files; else none. Collective.
+    """Arrays of remeshed bodies' meshes on rank 0, by file; empty on other ranks. Collective.
 
-    Rank 0 holds a whole mesh for a while, as it does to make one.
+    Rank 0 holds a whole mesh for a while, as it does in remeshing.
     """
     remeshing, out = stepper.remeshing, {}
     if remeshing is None:

@@ -1,4 +1,4 @@
-"""Friction at points in a checkpoint: what it is known by on any partition."""
+"""Store the friction state of points in a checkpoint, with keys for any partition."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Indices = npt.NDArray[np.int64]
 
 
 def stored_points(slip: Slip) -> tuple[Indices, Array]:
-    """Keys of the points of a slip, and their places, rest and normals. Collective.
+    """Keys of the points of a slip, with their positions, rest and normals. Collective.
 
-    Of gaps that follow the bodies those of the end of the last step.
+    With updated geometry, the points are those at the end of the last step.
     """
     if slip.gap.following is not None:
         kept = slip.state.of_points
@@ -36,13 +36,13 @@ def stored_points(slip: Slip) -> tuple[Indices, Array]:
 
 
 def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -> None:
-    """Let a slip go on from what a checkpoint has of its points. Collective.
+    """Load the values of a slip's points from a checkpoint. Collective.
 
     Args:
-        slip: With rows at points; its nodes have their multipliers already.
-        normals: Of nodes, as saved, see ``carried.normals_of_nodes``.
+        slip: Slip with constraints at points; its nodes already have their multipliers.
+        normals: Saved nodal normals, see ``carried.normals_of_nodes``.
         checkpoint: The checkpoint.
-        name: What the points were stored as.
+        name: Name of the stored points.
     """
     now = _now(slip) if slip.gap.following is not None else None
     keys, place = _known_by(slip) if now is None else _numbered(slip, now.keys, now.place)
@@ -61,22 +61,22 @@ def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -
 
 
 def _now(slip: Slip) -> OfPoints:
-    """Points of gaps that follow the bodies where these are, without any rest. Collective."""
+    """Points of gaps with updated geometry at present positions, without any rest. Collective."""
     assert slip.gap.cut is not None
     at = slip.gap.slip_at_points(slip.gap.cut.places)
     return OfPoints(at.facets, at.place, np.zeros_like(at.slip), at.normal)
 
 
 def _is_alone(keys: Indices) -> npt.NDArray[np.bool_]:
-    """Points that are between no facets."""
+    """Flags of points that do not lie between facets."""
     return np.asarray(np.all(keys == -1, axis=1))
 
 
 def _numbered(slip: Slip, keys: Indices, place: Array) -> tuple[Indices, Array]:
-    """As :func:`_known_by`, of keys that ``SlipAtPoints`` has. Collective."""
+    """As :func:`_known_by`, for the keys of ``SlipAtPoints``. Collective."""
     slave, master = slip.gap.slave, deformable(slip.gap.master)
     nv = slave.num_facet_vertices
-    first = 0 if keys.shape[1] == nv else 1  # which facet was cut, but of analytic tools
+    first = 0 if keys.shape[1] == nv else 1  # the segmented facet, except for analytic tools
     numbers = _numbers(slave, keys[:, first : first + nv, None])
     order = np.argsort(numbers, axis=1)
     columns = [keys[:, :first], np.take_along_axis(numbers, order, axis=1)]
@@ -86,9 +86,9 @@ def _numbered(slip: Slip, keys: Indices, place: Array) -> tuple[Indices, Array]:
 
 
 def _known_by(slip: Slip) -> tuple[Indices, Array]:
-    """Input numbers of the vertices of the facets on both sides, and places. Collective.
+    """Input numbers of the vertices of the facets on both sides, and positions. Collective.
 
-    Vertices are in the order of their numbers, whatever a partition makes of that in a cell.
+    Vertices are in the order of their input numbers, which does not depend on the partition.
     """
     points, place = slip.gap.points, slip.gap.points.multiplier_values
     slave = _numbers(slip.gap.slave, points.slave["dofs"])
@@ -101,7 +101,7 @@ def _known_by(slip: Slip) -> tuple[Indices, Array]:
 
 
 def _numbers(surface: Surface, dofs: Indices) -> Indices:
-    """Input numbers of the vertices at points, −1 for none, (points, vertices). Collective."""
+    """Input numbers of vertices at points, −1 if there is none, (points, vertices). Collective."""
     vec, wanted = surface.create_vec(), dofs[:, : surface.num_facet_vertices, 0]
     unknowns, numbers = vertex_unknowns(surface.V)
     owned = unknowns < vec.local_size

@@ -1,13 +1,14 @@
-"""Whether steps swing: contact pairs where bodies are expected, and answers by missing that place.
+"""Detect time steps that oscillate because of contact detection at predicted positions.
 
-Contact pairs where the last step's rate leads to, and the solution depends on where that is: on the
-normals there, above all. A change e of the expected place may change the solution by s e, s < 0,
-since turned normals push surfaces back. From step to step, errors then obey
+Contact detection uses the positions predicted by the last step's rate, and the solution depends on
+these positions, mainly through the normals. A change e of the predicted position may change the
+solution by s e, s < 0, since rotated normals push surfaces back. From step to step, the errors then
+obey
 
     e_{n+1} = s (2 e_n - e_{n-1}),
 
-and grow with changing signs where s < -1/3, however small the steps are. Paired once more where the
-solution is, they are multiplied by s once more.
+and grow with alternating signs if s < -1/3, however small the steps are. If the contact pairs are
+updated once more at the solution, the errors are multiplied by s once more.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from qsdolfinx.steps.mesh_motion import MeshMotion
 
 Array = npt.NDArray[np.float64]
 
-#: Least part of a step's motion that counts, that of the step before which is no rounding, and
-#: largest cosine of what has changed its sign.
+#: Smallest part of a step's motion that counts; smallest part in the step before that is above
+#: rounding level; largest cosine between errors that have changed their sign.
 NOTICED, NO_ROUNDING, TURNED = 1e-3, 1e-8, -0.5
 
 
@@ -34,13 +35,13 @@ def swings(
     before: typing.Sequence[Array],
     moved: typing.Sequence[Array],
 ) -> bool:
-    """Whether the place that was expected was missed to the other side this time. Collective.
+    """Whether the error of the predicted position has changed its sign. Collective.
 
     Args:
-        motions: Of the bodies.
-        missed: By how much their unknowns have missed it.
-        before: The same of the step before.
-        moved: Change of place in this step, in the same unit.
+        motions: Mesh motions of the bodies.
+        missed: Difference between the unknowns and the predicted positions.
+        before: The same difference in the step before.
+        moved: Motion in this step, in the same unit.
     """
     products = np.zeros(4)
     for motion, now, last, way in zip(motions, missed, before, moved, strict=True):

@@ -1,4 +1,4 @@
-"""How rigid tools go on at their rate, as bodies do, so that contact finds them where it was."""
+"""Predict the motion of rigid tools from their rates, as for bodies, for contact detection."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Array = npt.NDArray[np.float64]
 
 
 class ToolRate(typing.NamedTuple):
-    """Of a tool's motion in the last step.
+    """Rate of a tool's motion in the last step.
 
     Attributes:
-        displacement: Of its centre, length per time, shape (gdim,).
-        rotation: Radians per time, as ``RigidSurface.rotation``.
+        displacement: Velocity of its centre, length per time, shape (gdim,).
+        rotation: Angular velocity, radians per time, as ``RigidSurface.rotation``.
     """
 
     displacement: Array
@@ -27,12 +27,12 @@ class ToolRate(typing.NamedTuple):
 
     @classmethod
     def zero(cls, tool: RigidSurface) -> ToolRate:
-        """Of a tool that rests."""
+        """Rate of a tool at rest."""
         return cls(np.zeros_like(tool.displacement), np.zeros_like(tool.rotation))
 
     @classmethod
     def since(cls, tool: RigidSurface, before: Pose, dt: float) -> ToolRate:
-        """Of a tool that has come from another pose."""
+        """Rate of a tool that has moved from another pose."""
         now = tool.state.pose
         center = tool.center
         came_from = before(now.R.T @ (center - now.t))
@@ -40,11 +40,11 @@ class ToolRate(typing.NamedTuple):
         return cls(np.asarray((center - came_from) / dt), np.asarray(turned / dt))
 
     def go_ahead(self, tool: RigidSurface, time: float) -> None:
-        """Let the tool go on at this rate; what is left of its motion stays to be made."""
+        """Move the tool at this rate; the rest of its prescribed motion remains."""
         if not np.any([*self.displacement, *self.rotation]):
             return
         displacement, rotation = time * self.displacement, time * self.rotation
-        if tool.driven is not None:  # nobody knows how far a force will push it
+        if tool.driven is not None:  # the displacement under a force is unknown
             further = displacement - tool.displacement, rotation - tool.rotation
             missing = tool.driven.missing(*further)
             tool.displacement = tool.displacement + missing[0]
@@ -57,8 +57,8 @@ def left_until(tool: RigidSurface, before: Pose, part: float) -> tuple[Array, Ar
 
     Args:
         tool: The tool, which has made some of its motion already.
-        before: Where it was when the step began.
-        part: Of the whole motion.
+        before: Position at the start of the step.
+        part: Part of the whole motion.
     """
     if part == 1:
         return tool.displacement.copy(), tool.rotation.copy()

@@ -28,8 +28,9 @@ from qsdolfinx.tools.smooth import Smooth
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-#: Cosine of the angle (30°) above which facets meet in a crease, where both say where an edge is;
-#: as in cpp/surface/curvature.h: ``tests/tools/test_elevate.py``, creases and what is flat.
+#: Cosine of the angle (30°) above which facets meet in a sharp edge, whose position both facets
+#: determine; as in cpp/surface/curvature.h: ``tests/tools/test_elevate.py``, creases and what is
+#: flat.
 CREASE = float(np.cos(np.pi / 6))
 
 
@@ -103,10 +104,10 @@ def elevate(
 
 
 class _Nodes:
-    """Nodes of degree 2 of a mesh: those of the scalar space of degree 2.
+    """Nodes of degree 2 of a mesh: the nodes of the scalar space of degree 2.
 
     Attributes:
-        x: Where they are, shape (nodes, 3).
+        x: Coordinates of the nodes, shape (nodes, 3).
     """
 
     def __init__(self, msh: mesh.Mesh) -> None:
@@ -126,14 +127,14 @@ class _Nodes:
             to = self._V.dofmap.dof_layout.entity_dofs(0, vertex)[0]
             yield self._dofs[:, to], rows[:, layout.entity_dofs(0, vertex)[0]]
 
-    # --- Where facets are bent
+    # --- Curved facets
 
     def turned(self, surface: Surface) -> Array:
-        """How nodes move by what neighbouring facets turn, (nodes, 3). Collective."""
+        """Displacement of nodes due to angles between adjacent facets, (nodes, 3). Collective."""
         x, nv = surface.coordinates[0], surface.num_facet_vertices
         height = np.asarray(_cpp.edge_heights(surface.cpp_object))
         normal = np.asarray(_cpp.relief_normals(surface.cpp_object))[:, -1:]  # in the middle
-        terms = np.concatenate(  # of facets at an edge: how many, its flat middle, n nᵀ, n h
+        terms = np.concatenate(  # facets at an edge: number, flat midpoint, n nᵀ, n h
             [
                 np.ones((*height.shape, 1)),
                 np.stack([(x[:, a] + x[:, b]) / 2 for a, b in EDGES[nv]], axis=1),
@@ -153,13 +154,13 @@ class _Nodes:
         return self._blended(out)
 
     def _beside(self, surface: Surface, squares: Array) -> Array:
-        """Σ n nᵀ of other facets on the boundary that meet these in a crease, and stay flat.
+        """Σ n nᵀ of other boundary facets that meet these in a sharp edge, and stay flat.
 
         Shape (nodes, 9). Collective.
 
         Args:
-            surface: The facets that are bent.
-            squares: Σ n nᵀ of these at the nodes on their edges, likewise.
+            surface: The facets that become curved.
+            squares: Σ n nᵀ of these facets at the nodes on their edges, of the same shape.
         """
         out: Array = np.zeros_like(squares)
         if self._mesh.geometry.dim == 2:
@@ -177,7 +178,7 @@ class _Nodes:
         return self._summed(nodes.ravel(), (crease[..., None] * square).reshape(-1, 9))
 
     def on(self, surface: Surface, shape: Smooth) -> Array:
-        """How nodes of facets, but for vertices, move onto a shape, (nodes, 3). Collective."""
+        """Displacement of facet nodes, except vertices, onto a shape, (nodes, 3). Collective."""
         inner = np.unique(self._of_facets(surface)[:, surface.num_facet_vertices :])
         distance, normal = shape.shape.distance(self.x[inner])
         terms = np.concatenate([-distance[:, None] * normal, np.ones((len(inner), 1))], axis=1)
@@ -188,7 +189,7 @@ class _Nodes:
         return self._blended(out, some)
 
     def _of_facets(self, surface: Surface) -> Indices:
-        """Nodes of its facets, vertices first, (facets, nodes)."""
+        """Nodes of a surface's facets, vertices first, (facets, nodes)."""
         cells, local = in_cells(self._mesh, surface.facets)
         return np.asarray(self._dofs[cells[:, None], facet_places(self._V, 2)[local]])
 
@@ -202,14 +203,14 @@ class _Nodes:
         vector.scatter_forward()
         return sums.copy()
 
-    # --- What lies between
+    # --- Nodes within faces and cells
 
     def _blended(self, moved: Array, kept: npt.NDArray[np.bool_] | None = None) -> Array:
-        """Let middles of faces and cells follow the edges, by transfinite interpolation.
+        """Move midpoints of faces and cells with the edges, by transfinite interpolation.
 
         Args:
-            moved: How nodes on edges move, (nodes, 3).
-            kept: Nodes in faces that move as is given.
+            moved: Displacement of nodes on edges, (nodes, 3).
+            kept: Flags of nodes in faces whose given displacement is kept.
         """
         topology, layout = basix.topology(self._cell), self._V.dofmap.dof_layout
         tdim = len(topology) - 1
@@ -237,10 +238,10 @@ class _Nodes:
     # --- The mesh
 
     def check(self, x: Array) -> None:
-        """Refuse cells that fold: whose map turns over at some node or point between.
+        """Raise an error for folded cells, whose map is inverted at a node or a point between.
 
         Raises:
-            ValueError: If there are any.
+            ValueError: If there are folded cells.
         """
         gdim = self._mesh.geometry.dim
         element = basix.create_element(basix.ElementFamily.P, self._cell, 2)
@@ -262,7 +263,7 @@ class _Nodes:
             )
 
     def mesh(self, x: Array) -> mesh.Mesh:
-        """The mesh with its nodes at x, whose vertices keep the numbers that they came with."""
+        """Create the mesh with its nodes at x; vertices keep their input numbers."""
         msh, index_map = self._mesh, self._V.dofmap.index_map
         gdim, given = msh.geometry.dim, np.asarray(msh.geometry.input_global_indices)
         first = 1 + msh.comm.allreduce(int(np.max(given, initial=-1)), op=MPI.MAX)
@@ -276,16 +277,16 @@ class _Nodes:
 
 
 def _raised(squares: Array, heights: Array) -> Array:
-    """What is at the given heights over facets that share an edge, (edges, 3).
+    """Displacement to given heights above facets that share an edge, (edges, 3).
 
-    Of facets that nearly continue each other along their mean normal, at creases what both say.
+    For nearly smooth facets it is along their mean normal; at sharp edges both heights are met.
 
     Args:
         squares: Σ n nᵀ over the facets, (edges, 3, 3).
         heights: Σ n h, (edges, 3).
     """
     values, vectors = np.linalg.eigh(squares)
-    # Of two unit normals at an angle α they are 1 + cos α, 1 − cos α and 0.
+    # For two unit normals at an angle α, the eigenvalues are 1 + cos α, 1 − cos α and 0.
     large = (1 + CREASE) * values > (1 - CREASE) * values[:, -1:]
     inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
     along = np.einsum("eik,ei->ek", vectors, heights)

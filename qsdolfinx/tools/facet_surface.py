@@ -1,4 +1,4 @@
-"""A tool's facets read as those of a body."""
+"""Facets of a tool, with the interface of a body's facets."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Indices = npt.NDArray[np.int64]
 
 @dataclasses.dataclass(frozen=True)
 class FacetSurface:
-    """A tool's facets where it is, as a :class:`qs.Surface` has its own.
+    """Facets of a tool at its present position, with the interface of :class:`qs.Surface`.
 
-    Vertices have unknowns that nobody has: they name them across ranks.
+    Vertices have fictitious unknowns, which identify them across ranks.
 
     Attributes:
         comm: Communicator of the tool.
-        gdim: Of space.
+        gdim: Dimension of space.
         cpp_object: The extension's surface.
-        coordinates: Of the vertices, (facets, vertices, 3), and of points behind the facets,
-            (facets, 3); facets are affine, so that there are no nodes between.
+        coordinates: Coordinates of the vertices, (facets, vertices, 3), and of points behind the
+            facets, (facets, 3); facets are affine, so there are no further nodes.
         trace_dofs: Unknowns of the vertices, (facets, vertices, gdim), and their owners.
         local_size: Unknowns of this rank.
     """
@@ -46,12 +46,12 @@ class FacetSurface:
 
     @property
     def node_dofs(self) -> Indices:
-        """Unknowns of the vertices this rank owns, (vertices, gdim)."""
+        """Unknowns of the vertices that this rank owns, (vertices, gdim)."""
         return np.asarray(self.cpp_object.node_dofs)
 
     @property
     def node_area(self) -> Array:
-        """Their areas, (vertices,)."""
+        """Nodal areas of the vertices that this rank owns, (vertices,)."""
         return np.asarray(self.cpp_object.node_area)
 
     def create_vec(self) -> PETSc.Vec:

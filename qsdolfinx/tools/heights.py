@@ -1,4 +1,4 @@
-"""How far smooth shapes are over the flat facets that approximate them."""
+"""Compute the heights of smooth shapes above the flat facets that approximate them."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from qsdolfinx.tools.shapes import Shape
 
 Array = npt.NDArray[np.float64]
 
-#: Vertices may be off a shape by this part of the chord error,
+#: Largest distance of vertices from a shape, over the chord error.
 OFF = 0.1
-#: or by this part of the facet size, as coordinates from a file in single precision are.
+#: Alternative limit over the facet size, for coordinates from a file in single precision.
 ROUNDED = 1e-5
 #: Largest chord error, in facet sizes: an arc of 60°.
 COARSEST = 0.14
 
 
 def heights(shape: Shape, surface: _cpp.Surface) -> Array:
-    """How far a shape is from a surface's facets at their nodes of degree 2, along outward normals.
+    """Heights of a shape above a surface's facets at nodes of degree 2, along outward normals.
 
     Returns:
-        Shape (facets, nodes); infinity where there is nothing along the normal.
+        Shape (facets, nodes); infinity if the normal does not meet the shape.
     """
     x, n = np.asarray(_cpp.relief_nodes(surface)), np.asarray(_cpp.relief_normals(surface))
     flat_x, flat_n = x.reshape(-1, 3), n.reshape(-1, 3)
     height = np.zeros(len(flat_x))
     with np.errstate(all="ignore"):
-        for _ in range(8):  # Newton's method, on what is straight to second order
+        for _ in range(8):  # Newton's method; linear up to second order
             distance, direction = shape.distance(flat_x + height[:, None] * flat_n)
             height = height - distance / np.sum(direction * flat_n, axis=1)
         left = np.abs(shape.distance(flat_x + height[:, None] * flat_n)[0])
@@ -47,18 +47,18 @@ def check_near(
     name: str,
     argument: str = "smoothing",
 ) -> Array:
-    """Heights of a shape over facets whose vertices are on it. Collective.
+    """Check that vertices of facets are on a shape; returns its heights above them. Collective.
 
     Args:
-        shape: What the facets approximate.
-        kind: Its name in messages.
+        shape: Shape that the facets approximate.
+        kind: Name of the shape in messages.
         surface: The facets.
         comm: Their communicator.
-        name: Theirs in messages.
-        argument: That which has named the shape, in messages.
+        name: Name of the facets in messages.
+        argument: Name of the argument with the shape, in messages.
 
     Raises:
-        ValueError: If they are not, or the facets are too coarse for it.
+        ValueError: If the vertices are not on the shape, or the facets are too coarse for it.
     """
     found = heights(shape, surface)
     corners = np.asarray(surface.facet_x).shape[1]

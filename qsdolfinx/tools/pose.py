@@ -1,4 +1,4 @@
-"""Where a rigid tool is: a rotation and a translation of where it was made."""
+"""Position of a rigid tool: rotation and translation from its initial position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Pose:
-    """x₀ has gone to R x₀ + t.
+    """Rigid motion from x₀ to R x₀ + t.
 
     Attributes:
         R: Rotation, shape (gdim, gdim).
@@ -27,7 +27,7 @@ class Pose:
 
     @classmethod
     def at_rest(cls, gdim: int) -> Pose:
-        """Where the tool was made."""
+        """The initial position of the tool."""
         return cls(np.eye(gdim), np.zeros(gdim))
 
     @classmethod
@@ -35,7 +35,7 @@ class Pose:
         """The pose [R | t], shape (gdim, gdim + 1).
 
         Raises:
-            ValueError: If the shape is another, it is not finite, or R is no rotation.
+            ValueError: If the shape is wrong, it is not finite, or R is not a rotation.
         """
         position = check_array("position", value, (gdim, gdim + 1))
         require(np.isfinite(position).all(), "position: must be finite")
@@ -43,7 +43,7 @@ class Pose:
         error = np.abs(R @ R.T - np.eye(gdim)).max()
         is_rotation = error <= 1e-6 and np.linalg.det(R) >= 0
         require(is_rotation, "position: the first columns must be a rotation")
-        if error > 1e-14:  # many steps would let rounding errors grow
+        if error > 1e-14:  # otherwise rounding errors would grow over many steps
             U, _, V = np.linalg.svd(R)
             R = U @ V
         return cls(R.copy(), position[:, gdim].copy())
@@ -54,17 +54,17 @@ class Pose:
         return np.column_stack([self.R, self.t])
 
     def moved(self, motion: Affine) -> Array:
-        """[R | t] after a motion, given as a displacement field over the places now."""
+        """[R | t] after a motion, given as a displacement field over the present positions."""
         step = motion.A + np.eye(len(self.t))
         return np.column_stack([step @ self.R, step @ self.t + motion.b])
 
     def since(self, before: Pose) -> Affine:
-        """The motion from another pose to this one, as a displacement field over that one."""
+        """Motion from another pose to this one, as a displacement field over the other pose."""
         turn = self.R @ before.R.T
         return Affine(turn - np.eye(len(self.t)), self.t - turn @ before.t)
 
     def __call__(self, x: Array) -> Array:
-        """Where a point of the tool is now, shape (gdim,)."""
+        """Present position of a point of the tool, shape (gdim,)."""
         return np.asarray(self.R @ x + self.t)
 
     @property

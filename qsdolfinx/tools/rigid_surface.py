@@ -45,14 +45,14 @@ COMMUNICATOR = instance(MPI.Intracomm, "a communicator of mpi4py")
 
 
 class ToolState(typing.NamedTuple):
-    """Where a tool is, and what it is to do next.
+    """Position of a tool, and its prescribed motion in the next step.
 
     Attributes:
-        pose: Where it is.
+        pose: Position of the tool.
         version: Number of this position.
         displacement: Translation over the coming step.
         rotation: Rotation over the coming step.
-        driven: The force that drives it.
+        driven: The prescribed force or moment, None if there is none.
     """
 
     pose: Pose
@@ -587,7 +587,7 @@ class RigidSurface:
 
     @property
     def driven(self) -> Driven | None:
-        """The force or moment that drives the tool, None if its motion is prescribed."""
+        """Prescribed force or moment of the tool, None if its motion is prescribed."""
         return self._driven
 
     @property
@@ -659,10 +659,10 @@ AnySurface = Surface | RigidSurface
 
 
 def as_tool(surface: AnySurface) -> RigidSurface | None:
-    """The surface if it is a rigid tool."""
+    """The surface if it is a rigid tool, else None."""
     return surface if isinstance(surface, RigidSurface) else None
 
 
 def deformable(surface: AnySurface) -> Surface | None:
-    """The surface if it has unknowns."""
+    """The surface if it has unknowns, else None."""
     return surface if isinstance(surface, Surface) else None

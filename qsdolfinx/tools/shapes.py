@@ -1,4 +1,4 @@
-"""Analytic shapes, of rigid tools and of what facets approximate: exact distances and normals."""
+"""Analytic shapes of rigid tools and of smoothed surfaces, with exact distances and normals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Shape(abc.ABC):
-    """A tool whose distance from any point is known in closed form."""
+    """Shape whose distance from any point is known in closed form."""
 
     @abc.abstractmethod
     def distance(self, x: Array) -> tuple[Array, Array]:
@@ -27,7 +27,7 @@ class Shape(abc.ABC):
 
     @abc.abstractmethod
     def curvature(self, x: Array) -> Array:
-        """Derivatives of these normals by the points, shape (n, 3, 3), symmetric."""
+        """Derivatives of the normals by the points, shape (n, 3, 3), symmetric."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Plane(Shape):
 
 @dataclasses.dataclass(frozen=True)
 class Round(Shape):
-    """A ball, a circular cylinder, or what is left of the space around one.
+    """A ball, a circular cylinder, or the complement of one of these.
 
     Attributes:
         center: Centre, or a point of the axis, shape (3,).
@@ -68,13 +68,13 @@ class Round(Shape):
     axis: Array | None = None
 
     def distance(self, x: Array) -> tuple[Array, Array]:
-        """See :meth:`Shape.distance`. In the very centre any normal would do."""
+        """See :meth:`Shape.distance`. At the centre, any normal is valid."""
         length, out = self._out(x)
         sign = -1.0 if self.inside else 1.0
         return sign * (length - self.radius), sign * out
 
     def curvature(self, x: Array) -> Array:
-        """See :meth:`Shape.curvature`. A circle is that of a plane: what is along z is no use."""
+        """See :meth:`Shape.curvature`. For a circle, components along z have no meaning."""
         length, out = self._out(x)
         across = np.eye(3) - out[:, :, None] * out[:, None, :]
         if self.axis is not None:
@@ -98,7 +98,7 @@ class Torus(Shape):
     Attributes:
         center: Middle, shape (3,).
         axis: Unit vector along the axis, shape (3,).
-        radius: Of the circle that the tube follows (length).
+        radius: Radius of the circle in the middle of the tube (length).
         tube: Radius of the tube (length).
     """
 
@@ -121,9 +121,10 @@ class Torus(Shape):
         return of_tube + _squares(around_axis) * (part[:, 0] / away)[:, None, None]
 
     def _out(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Distances from the tube's middle and from the axis; unit vectors, see :func:`around`.
+        """Distances from the tube's centre line and the axis; unit vectors, see :func:`around`.
 
-        The first ones away from the tube's middle, in components away from and along the axis.
+        The first unit vectors point away from the tube's centre line, in components away from and
+        along the axis.
         """
         across, away, along = around(x - self.center, self.axis)
         out = away - self.radius
@@ -137,9 +138,9 @@ class Cone(Shape):
     """A circular cone, to one side of its apex.
 
     Attributes:
-        apex: Shape (3,).
+        apex: Apex of the cone, shape (3,).
         axis: Unit vector from the apex into the cone, shape (3,).
-        half_angle: Between the axis and the cone, radians.
+        half_angle: Angle between the axis and the cone, radians.
     """
 
     apex: Array
@@ -161,12 +162,12 @@ class Cone(Shape):
 
 
 def _squares(vectors: Array) -> Array:
-    """V vᵀ of each, shape (n, 3, 3)."""
+    """Outer product v vᵀ of each vector, shape (n, 3, 3)."""
     return vectors[:, :, None] * vectors[:, None, :]
 
 
 def around(ray: Array, axis: Array) -> tuple[Array, Array, Array]:
-    """Unit vectors away from an axis, and places across and along it."""
+    """Unit vectors away from an axis, and coordinates across and along it."""
     along = ray @ axis
     across = ray - np.outer(along, axis)
     away = np.linalg.norm(across, axis=1)

@@ -1,4 +1,4 @@
-"""Connected shells of a tool's facets: each is oriented by itself."""
+"""Connected shells of a tool's facets, each with its own orientation."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Indices = npt.NDArray[np.int64]
 
 
 class Shells:
-    """Which connected shell each vertex of a tool belongs to. Collective.
+    """Find the connected shell of each vertex of a tool. Collective.
 
-    Facets that share a vertex are of one shell. A shell's name is the smallest global number of its
-    vertices.
+    Facets that share a vertex belong to one shell. A shell's name is the smallest global number of
+    its vertices.
 
     Args:
         comm: Communicator of the tool.
@@ -41,10 +41,10 @@ class Shells:
             name = found
             if not comm.allreduce(changed, op=MPI.LOR):
                 break
-        self._names = mine  # of owned vertices; lowered by _agreed
+        self._names = mine  # names of owned vertices; lowered by _agreed
 
     def _agreed(self, number: Indices, name: Indices, owned: Indices) -> Indices:
-        """Lower names at the vertices' owners, and return those found there. Collective."""
+        """Lower names at the vertices' owners, and return the resulting names. Collective."""
         rank = self._owner(number)
         asked = self._comm.alltoall([number[rank == r] - self._ends[r] for r in self._ranks])
         told = self._comm.alltoall([name[rank == r] for r in self._ranks])
@@ -69,10 +69,10 @@ class Shells:
         return self._agreed(vertices, vertices, self._names)
 
     def extent(self, shell: int) -> tuple[int, Array, Array]:
-        """Number of facets of a shell, and corners of its box where the tool was made. Collective.
+        """Number of facets of a shell, and corners of its initial bounding box. Collective.
 
         Args:
-            shell: Its name, the same on all ranks.
+            shell: Name of the shell, the same on all ranks.
         """
         inside = self.at(self._facets.vertices[:, 0]) == shell
         x = self._facets.x[inside].reshape(-1, self._facets.x.shape[2])

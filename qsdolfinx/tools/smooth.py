@@ -60,7 +60,7 @@ class Smooth(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def _fitted(cls: type[Made], cloud: _Cloud) -> Made:
-        """Start from sums over points and normals, and improve by Gauss and Newton's method."""
+        """Estimate from sums over points and normals, and improve by the Gauss-Newton method."""
 
 
 class Plane(Smooth):
@@ -171,7 +171,7 @@ class Cone(Smooth):
         n, x = cloud.normal, cloud.x
         turned = n - cloud.sum(n) / cloud.count
         axis = _axis_of(cloud.sum(turned[:, :, None] * turned[:, None]))
-        apex = cloud.solve(n, np.sum(n * x, axis=1))  # all tangent planes go through it
+        apex = cloud.solve(n, np.sum(n * x, axis=1))  # all tangent planes contain the apex
         axis = axis * np.sign(cloud.sum((x - apex) @ axis) or 1.0)
         _, away, along = shapes.around(x - apex, axis)
         angle = cloud.sum(np.arctan2(away, along)) / cloud.count
@@ -215,7 +215,7 @@ class Torus(Smooth):
 
 
 class _Cloud:
-    """Vertices of a surface and their normals, shape (n, gdim), of which sums alone are needed."""
+    """Vertices of a surface and their normals, shape (n, gdim); only sums over them are needed."""
 
     def __init__(self, surface: Surface) -> None:
         self.comm = surface.comm
@@ -229,7 +229,7 @@ class _Cloud:
         self._middle = middle
 
     def check_solid(self, kind: type[Smooth]) -> None:
-        """Refuse shapes of space for surfaces of the plane."""
+        """Raise an error for 3D shapes if the surface is in 2D."""
         require(self.x.shape[1] == 3, f"surface: a {kind.__name__} needs a surface in 3D")
 
     def sum(self, values: Array) -> Array:
@@ -243,7 +243,8 @@ class _Cloud:
         matrix = self.sum(rows[:, :, None] * rows[:, None])
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         scaled = matrix * np.outer(scale, scale)
-        # What the points leave open, such as where along its axis a cylinder is, stays as it is.
+        # Parameters that the points do not determine, such as the position of a cylinder along its
+        # axis, are not changed.
         found = np.linalg.lstsq(scaled, scale * self.sum(rows * right[:, None]), rcond=1e-12)[0]
         return np.asarray(scale * found)
 
@@ -257,7 +258,7 @@ class _Cloud:
         return middle + self.size * center, self.size * float(np.sqrt(square))
 
     def axis_of_revolution(self) -> tuple[Array, Array]:
-        """A point and the direction of the line nearest to meeting all normals. Collective."""
+        """A point and the direction of the line that is closest to all normals. Collective."""
         x, n = (self.x - self._middle) / self.size, self.normal
         rows = np.column_stack([np.cross(x, n), n])  # times (a, p × a)
         matrix = self.sum(rows[:, :, None] * rows[:, None])
@@ -267,12 +268,12 @@ class _Cloud:
         return self._middle + self.size * np.cross(axis, moment), axis
 
     def improved(self, start: Array, units: str, made: typing.Callable[[Array], Smooth]) -> Array:
-        """Parameters of the least sum of squared distances, by Gauss and Newton. Collective.
+        """Parameters with the least sum of squared distances, by Gauss-Newton. Collective.
 
         Args:
-            start: Parameters to begin with.
-            units: Of each: "l" is a length, "1" none.
-            made: The shape of these parameters.
+            start: Initial parameters.
+            units: Unit of each parameter: "l" is a length, "1" has no unit.
+            made: Creates the shape with given parameters.
         """
         x = np.zeros((len(self.x), 3))
         x[:, : self.x.shape[1]] = self.x
@@ -292,14 +293,15 @@ class _Cloud:
         return np.asarray(self.comm.bcast(best))
 
 
-#: Of Gauss and Newton's method, which ends as soon as the sum of squares no longer falls.
+#: Most iterations of the Gauss-Newton method, which ends when the sum of squares no longer
+#: decreases.
 ITERATIONS = 30
 
 
 def _derivative(
     p: Array, lengths: Array, made: typing.Callable[[Array], Smooth], x: Array
 ) -> Array:
-    """Of the distances from a shape with respect to its parameters, by central differences."""
+    """Derivatives of the distances from a shape by its parameters, by central differences."""
     columns = []
     for i, length in enumerate(lengths):
         step = np.zeros_like(p)
@@ -310,12 +312,12 @@ def _derivative(
 
 
 def _axis_of(matrix: Array) -> Array:
-    """Direction in which a symmetric matrix is least."""
+    """Eigenvector of the smallest eigenvalue of a symmetric matrix."""
     return np.asarray(np.linalg.eigh(matrix)[1][:, 0])
 
 
 def _across(axis: Array) -> Array:
-    """Two unit vectors at right angles to an axis and each other, shape (3, 2)."""
+    """Two unit vectors orthogonal to an axis and to each other, shape (3, 2)."""
     return np.asarray(np.linalg.svd(axis[None])[2][1:].T)
 
 

@@ -1,4 +1,4 @@
-"""Triangles of STL files, which are read whole or refused."""
+"""Read triangles of STL files; incomplete files are rejected."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ _START = 84
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("x", "<f4", (3, 3)), ("attribute", "<u2")])
 
-#: What may follow what a file holds: blanks, padding, the end of a text under DOS.
+#: Characters that may follow the content of a file: blanks, padding, the DOS end-of-file mark.
 _BLANK = b" \t\r\n\v\f\0\x1a"
 
 _SOLID = re.compile(rb"^[ \t]*(end ?)?solid[^\n]*$", re.IGNORECASE | re.MULTILINE)
 
-#: A facet of a text, word by word; None for a number.
+#: Words of a facet in an ASCII file; None for a number.
 _FACET: tuple[bytes | None, ...] = (
     *(b"facet", b"normal", None, None, None, b"outer", b"loop"),
     *(b"vertex", None, None, None) * 3,
     *(b"endloop", b"endfacet"),
 )
 
-#: Where its coordinates are.
+#: Positions of the coordinates among these words.
 _NUMBERS = [i for i, word in enumerate(_FACET) if word is None and i > 4]
 
 
 class Stl(typing.NamedTuple):
-    """What an STL file holds.
+    """Content of an STL file.
 
     Attributes:
         x: Vertices, shape (vertices, 3).
         triangles: Indices of the vertices of each triangle that has an area, shape (triangles, 3).
-        num_dropped: Triangles without area, which are left out.
-        num_opened: Edges that have lost a neighbour with them.
+        num_dropped: Number of triangles without area, which are left out.
+        num_opened: Number of edges that have lost a neighbour because of this.
     """
 
     x: Array
@@ -53,7 +53,7 @@ class Stl(typing.NamedTuple):
 
     @property
     def advice(self) -> str:
-        """What is to be warned of, or nothing."""
+        """Warning text, or an empty string."""
         if self.num_dropped == 0:
             return ""
         text = f"filename: {self.num_dropped} triangles have no area and are left out"
@@ -66,10 +66,10 @@ class Stl(typing.NamedTuple):
 
 
 def read_stl(filename: str | os.PathLike[str]) -> Stl:
-    """Read an STL file, ASCII or binary; vertices with equal coordinates are one.
+    """Read an STL file, ASCII or binary; vertices with equal coordinates are merged.
 
     Raises:
-        ValueError: If the file cannot be read, is no STL file or not all of one.
+        ValueError: If the file cannot be read, is not an STL file, or is incomplete.
     """
     try:
         with open(filename, "rb") as file:
@@ -90,7 +90,7 @@ def read_stl(filename: str | os.PathLike[str]) -> Stl:
 
 
 def _num_opened(triangles: Indices, flat: npt.NDArray[np.bool_]) -> int:
-    """Edges that had a neighbour and have none without the flat triangles."""
+    """Number of edges that lose their neighbour when flat triangles are left out."""
     if not flat.any():
         return 0
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
@@ -108,8 +108,8 @@ def _num_opened(triangles: Indices, flat: npt.NDArray[np.bool_]) -> int:
 def _is_text(data: bytes) -> bool:
     """Whether a file is ASCII.
 
-    The header of a binary one may begin with "solid" as well. Its size is as its count says then,
-    or the count has a zero byte, as all below 2²⁴ do.
+    The header of a binary file may begin with "solid" as well. Then the file size agrees with its
+    count, or the count has a zero byte, as all counts below 2²⁴ do.
     """
     text = data.removeprefix(b"\xef\xbb\xbf").lstrip()
     if text[:5].lower() != b"solid":
@@ -118,12 +118,12 @@ def _is_text(data: bytes) -> bool:
 
 
 def _size(data: bytes) -> int:
-    """Size that the count of a binary file stands for, bytes."""
+    """Size of a binary file according to its count, bytes."""
     return _START + _RECORD.itemsize * int.from_bytes(data[80:_START], "little")
 
 
 def _of_binary(name: str, data: bytes) -> Array:
-    """Corners, shape (triangles, 3, 3): 80 bytes of header, a count, 50 bytes a triangle."""
+    """Corners, shape (triangles, 3, 3): 80 bytes of header, a count, 50 bytes per triangle."""
     if len(data) < _START:
         raise ValueError(f"{name} is no STL file with triangles, or truncated in its header")
     count = int.from_bytes(data[80:_START], "little")
@@ -166,7 +166,7 @@ def _of_text(name: str, data: bytes) -> Array:
 
 
 def _facets(name: str, piece: bytes) -> Array:
-    """Corners of the facets of a solid, which are as many words each."""
+    """Corners of the facets of a solid; every facet has the same number of words."""
     words = piece.lower().split()
     width = len(_FACET)
     whole = len(words) % width == 0 and all(
@@ -178,7 +178,7 @@ def _facets(name: str, piece: bytes) -> Array:
     if not whole:
         raise ValueError(broken.format(_num_whole(words)))
     numbers = [words[i::width] for i in _NUMBERS]
-    # Neither is part of a number, whatever Python makes of it.
+    # Neither character is part of a number in STL, although Python may accept it.
     clean = b"_" not in piece and b"\0" not in piece
     require(clean, f"{name} is no STL file: a coordinate is no number")
     try:
@@ -189,7 +189,7 @@ def _facets(name: str, piece: bytes) -> Array:
 
 
 def _num_whole(words: list[bytes]) -> int:
-    """Facets before the first one that is not complete."""
+    """Number of facets before the first incomplete one."""
     width = len(_FACET)
     for count in range(len(words) // width):
         facet = words[count * width : (count + 1) * width]

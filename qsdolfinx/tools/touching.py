@@ -1,4 +1,4 @@
-"""Separate solids that touch, so that the surface of each is a shell of its own."""
+"""Separate solids that touch, so that the surface of each solid is its own shell."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ SAME_WALL = 1e-4
 
 
 def separate(x: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Give each solid vertices of its own where solids touch along edges.
+    """Duplicate vertices where solids touch along edges, so that each solid has its own.
 
-    An edge of one closed surface has two triangles. Where solids touch it has more, as many in one
-    direction as in the other; two of them that follow each other around the edge with material in
-    between are neighbours. Edges that have no such order stay as they are.
+    An edge of one closed surface has two triangles. Where solids touch, an edge has more, equally
+    many in both directions. Two triangles that follow each other around the edge with material in
+    between are neighbours. Edges without such an order are not changed.
 
     Args:
         x: Vertices, shape (vertices, 3).
         triangles: Indices of their vertices, shape (triangles, 3).
 
     Returns:
-        Vertices, of which those at such edges are repeated for each solid, and triangles.
+        Vertices, repeated for each solid at such edges, and triangles.
     """
     tails = triangles.ravel()
     heads = np.roll(triangles, -1, axis=1).ravel()
@@ -50,7 +50,7 @@ def separate(x: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def _repeated(triangles: Indices) -> bool:
-    """Whether a triangle is there twice with the same orientation."""
+    """Whether a triangle occurs twice with the same orientation."""
     first = np.argmin(triangles, axis=1)[:, None]
     rolled = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
     return len(np.unique(rolled, axis=0)) < len(rolled)
@@ -59,14 +59,14 @@ def _repeated(triangles: Indices) -> bool:
 def _around(x: Array, triangles: Indices, sides: Indices, forth: npt.NDArray[np.bool_]) -> Indices:
     """Pairs of sides with the material of one solid in between, around one edge.
 
-    Seen along the edge and counter-clockwise, material begins at a triangle that passes it
-    backwards and ends at one that passes it forwards.
+    Seen along the edge, in counter-clockwise order, material begins at a triangle that traverses
+    the edge backwards and ends at a triangle that traverses it forwards.
 
     Args:
         x: Vertices, shape (vertices, 3).
         triangles: Indices of their vertices, shape (triangles, 3).
         sides: Sides at the edge, 3 times the triangle plus the number of its side.
-        forth: Whether they pass it forwards, from the smaller to the larger index.
+        forth: Whether sides traverse the edge forwards, from the smaller to the larger index.
 
     Returns:
         Sides that are neighbours, shape (len(sides) / 2, 2).
@@ -92,7 +92,8 @@ def _split(
     Args:
         x: Vertices, shape (vertices, 3).
         triangles: Indices of their vertices, shape (triangles, 3).
-        neighbours: Pairs of sides that pass the same edge, one each way, shape (pairs, 2).
+        neighbours: Pairs of sides that traverse the same edge in opposite directions, shape (pairs,
+            2).
         at_several: Vertices that may be repeated, shape (vertices,).
     """
     one, other = neighbours.T
@@ -120,7 +121,7 @@ def _head(side: Indices) -> Indices:
 
 
 def components(cells: npt.NDArray[np.int_], count: int) -> npt.NDArray[np.int_]:
-    """Smallest vertex that each of the vertices is connected to by cells."""
+    """Smallest vertex that is connected to each vertex by cells."""
     parent = np.arange(count)
     while True:
         low = np.broadcast_to(parent[cells].min(axis=1, keepdims=True), cells.shape)

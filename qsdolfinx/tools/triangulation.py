@@ -1,4 +1,4 @@
-"""Facets of rigid tools: from arrays and meshes."""
+"""Create the facets of rigid tools from arrays and meshes."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ Indices = npt.NDArray[np.int64]
 
 @dataclasses.dataclass(frozen=True)
 class Facets:
-    """This rank's facets of a tool, where the tool was at first.
+    """This rank's facets of a tool, at its initial position.
 
     Attributes:
         x: Vertex coordinates, shape (facets, vertices, 3).
         vertices: Global numbers of the vertices, shape (facets, vertices).
-        owner: Ranks that own them, of the same shape.
-        num_owned: Vertices that this rank owns, a contiguous range.
-        sign: −1 where a facet's orientation is to be turned, else 1, shape (facets,).
+        owner: Ranks that own the vertices, of the same shape.
+        num_owned: Number of vertices that this rank owns, a contiguous range. sign: −1 where a
+            facet's orientation must be reversed, else 1, shape (facets,).
     """
 
     x: Array
@@ -48,7 +48,7 @@ class Facets:
     def surface(
         self, comm: MPI.Intracomm, gdim: int, R: Array, t: Array, axisymmetric: bool
     ) -> _cpp.Surface:
-        """The surface after x ↦ R x + t; the vertices get unknowns that nobody has. Collective."""
+        """The surface after x ↦ R x + t; the vertices get fictitious unknowns. Collective."""
         x = self.x @ R.T + t
         return _cpp.Surface(
             comm=comm.py2f(),
@@ -65,11 +65,11 @@ class Facets:
         )
 
     def dofs(self, gdim: int) -> Indices:
-        """Unknowns that nobody has, shape (facets, vertices, gdim)."""
+        """Fictitious unknowns of the vertices, shape (facets, vertices, gdim)."""
         return np.ascontiguousarray(self.vertices[..., None] * gdim + np.arange(gdim))
 
     def behind(self, x: Array) -> Array:
-        """Points behind the facets where their vertices are elsewhere, shape (facets, 3)."""
+        """Points behind the facets, for other vertex coordinates, shape (facets, 3)."""
         return np.asarray(x.mean(axis=1) - self.sign[:, None] * area_vectors(x))
 
 
@@ -80,14 +80,14 @@ def scatter(
     center: npt.ArrayLike | None,
     name: str = "triangles",
 ) -> tuple[Facets, Array]:
-    """Spread rank 0's facets over the ranks, as DOLFINx does with cells. Collective.
+    """Distribute rank 0's facets over the ranks, as DOLFINx does with cells. Collective.
 
     Args:
         comm: Communicator of the tool.
         x: Vertices, shape (vertices, gdim).
         triangles: Indices of the vertices of each facet, shape (facets, gdim).
         center: What the tool is rotated about, shape (gdim,), or None.
-        name: What errors about the facets name.
+        name: Name of the argument in errors about the facets.
 
     Returns:
         The facets of this rank, and the center or else the mean vertex, shape (gdim,).
@@ -104,7 +104,8 @@ def scatter(
     gdim = comm.bcast(points.shape[1], root=0)
     if comm.rank > 0:
         points, cells = np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
-    # Checked first: what DOLFINx does with an edge of three triangles depends on its version.
+    # Solids are separated first: the treatment of an edge of three triangles depends on the version
+    # of DOLFINx.
     if gdim == 3 and comm.rank == 0:
         points, cells = separate(points, cells)
     _check_orientation(comm, name, cells, padded(points)[cells], np.ones(len(cells)))
@@ -115,14 +116,14 @@ def scatter(
 
 
 def _digest(array: npt.ArrayLike | None) -> str:
-    """What tells arrays of numbers apart; it takes anything, as arrays are checked only later."""
+    """Digest of an array; accepts any object, because arrays are checked only later."""
     with contextlib.suppress(TypeError, ValueError, OverflowError):
         return hashlib.blake2b(np.asarray(array, dtype=np.float64).tobytes()).hexdigest()
     return ""
 
 
 def _checked(x: npt.ArrayLike | None, triangles: npt.ArrayLike | None) -> tuple[Array, Indices]:
-    """The arrays, or an exception that names the wrong one."""
+    """The arrays, or an exception that names the wrong argument."""
     try:
         points = np.array(x, dtype=np.float64)
     except (TypeError, ValueError):
@@ -148,14 +149,14 @@ def padded(x: Array) -> Array:
 
 
 def without_area(x: Array) -> npt.NDArray[np.bool_]:
-    """Which facets, shape (facets, vertices, 3), have no area."""
+    """Flags of facets without area, x of shape (facets, vertices, 3)."""
     size = np.max(np.linalg.norm(x[:, :, None] - x[:, None, :], axis=-1), axis=(1, 2), initial=0.0)
     power = 1 if x.shape[1] == 2 else 2
     return np.asarray(~(np.linalg.norm(area_vectors(x), axis=1) > 1e-14 * size**power))
 
 
 def check_areas(name: str, x: Array) -> None:
-    """Refuse facets without area."""
+    """Raise an error for facets without area."""
     flat = without_area(x)
     require(not flat.any(), f"{name}: {np.count_nonzero(flat)} facets have no area")
 
@@ -163,17 +164,17 @@ def check_areas(name: str, x: Array) -> None:
 def _check_orientation(
     comm: MPI.Intracomm, name: str, vertices: Indices, x: Array, sign: Array
 ) -> None:
-    """Refuse neighbours of opposite orientation. Collective.
+    """Raise an error for neighbours of opposite orientation. Collective.
 
-    Facets that agree pass their common edge once in each direction; segments that do, leave and
-    reach a vertex once.
+    Facets with the same orientation traverse their common edge once in each direction. Segments
+    with the same orientation leave and reach a vertex once.
 
     Args:
         comm: Communicator of the tool.
-        name: What the error names.
+        name: Name of the argument in the error.
         vertices: Global numbers of the vertices, shape (facets, vertices).
-        x: Their coordinates, shape (facets, vertices, 3).
-        sign: −1 where a facet's orientation is to be turned, else 1, shape (facets,).
+        x: Coordinates of the vertices, shape (facets, vertices, 3). sign: −1 where a facet's
+            orientation must be reversed, else 1, shape (facets,).
     """
     n = vertices.shape[1]
     ring = [0, 1, 3, 2] if n == 4 else [*range(n)]
@@ -211,7 +212,7 @@ def of_mesh(
 
     Args:
         msh: The mesh.
-        inside: A point that all cells are turned away from; without it they stay as they are.
+        inside: A point from which all cells are oriented away; without it, orientations are kept.
         center: What the tool is rotated about, shape (gdim,), or None.
     """
     comm, geometry, tdim = msh.comm, msh.geometry, msh.topology.dim
