@@ -74,8 +74,10 @@ def renamed(old: str, new: str, given: typing.Any, other: typing.Any) -> typing.
     """Value of a renamed argument: by the old name with a warning, else by the new name.
 
     Args:
-        old: Old name. new: New name. given: Value by the old name, None if not given. other: Value
-            by the new name, None if not given.
+        old: Old name.
+        new: New name.
+        given: Value by the old name, None if not given.
+        other: Value by the new name, None if not given.
 
     Raises:
         ValueError: If both are given.

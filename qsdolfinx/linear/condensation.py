@@ -82,8 +82,9 @@ class Condensation(typing.Protocol):
         """Update for the present bodies and contact. Collective.
 
         Args:
-            contact: Contributions of contact. springs: Added to the diagonal, owned unknowns. free:
-                Motions that active constraints do not resist, from ``Hold.free_motions``.
+            contact: Contributions of contact.
+            springs: Added to the diagonal, owned unknowns.
+            free: Motions that active constraints do not resist, from ``Hold.free_motions``.
         """
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:

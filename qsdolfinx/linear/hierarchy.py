@@ -25,8 +25,8 @@ class Hierarchy:
     contact pairs change.
 
     Args:
-        ksp: The linear solver; its rate of convergence shows whether the spaces still fit. bodies:
-            The bodies. Spaces of linear bodies fit until the matrices change.
+        ksp: The linear solver; its rate of convergence shows whether the spaces still fit.
+        bodies: The bodies. Spaces of linear bodies fit until the matrices change.
     """
 
     def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:

@@ -140,8 +140,8 @@ def pick(
     """Choose the preset for a problem; returns its name and the reason.
 
     Args:
-        unknowns: Number of unknowns, over all ranks; for flow without unknowns inside cells. dim:
-            Dimension of space.
+        unknowns: Number of unknowns, over all ranks; for flow without unknowns inside cells.
+        dim: Dimension of space.
         has_modes: Whether all bodies have displacements or velocities only.
         kind: ``"mpi"`` or ``"nest"``, the matrix that the solver sees.
         is_flow: Whether there are velocity–pressure bodies, for ``"schur"``.

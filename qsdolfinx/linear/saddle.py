@@ -34,8 +34,9 @@ class _Parts(typing.NamedTuple):
     """Parts of a product; rows of multipliers are scaled to forces.
 
     Attributes:
-        forces: Part of the bodies' unknowns. rows: Part of the multipliers. tools: Part of the
-            tools, on all ranks.
+        forces: Part of the bodies' unknowns.
+        rows: Part of the multipliers.
+        tools: Part of the tools, on all ranks.
     """
 
     forces: Array

@@ -218,7 +218,8 @@ class Pressure:
 
     Args:
         body: A body with velocity and pressure.
-        form: Form instead of the automatic mass matrix, or None. prefix: Prefix of the options.
+        form: Form instead of the automatic mass matrix, or None.
+        prefix: Prefix of the options.
     """
 
     def __init__(self, body: Body, form: ufl.Form | None, prefix: str) -> None:

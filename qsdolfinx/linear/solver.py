@@ -80,8 +80,8 @@ class GivenUp:
 
     Attributes:
         is_now: Whether the fallback is in use.
-        failures: Number of failures since the last success. pairings: Remaining updates of the
-            contact pairs with the fallback.
+        failures: Number of failures since the last success.
+        pairings: Remaining updates of the contact pairs with the fallback.
     """
 
     is_now: bool = False

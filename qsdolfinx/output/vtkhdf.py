@@ -23,8 +23,8 @@ class VTKHDFWriter:
     DOLFINx gives every field of a file the same name, so each field has its own file.
 
     Args:
-        filename: File name that ends in ``.vtkhdf``. function: Function, continuous of degree 1 or
-            constant in cells.
+        filename: File name that ends in ``.vtkhdf``.
+        function: Function, continuous of degree 1 or constant in cells.
     """
 
     def __init__(self, filename: pathlib.Path, function: fem.Function) -> None:

@@ -49,8 +49,8 @@ class Iterate(typing.NamedTuple):
         forces: |R_u| over the contact forces.
         constraints: Largest complementarity residual over the largest multiplier.
         tools: Largest unbalanced force of a tool over the force that drives it.
-        active: Active constraints over all ranks. sticking: Number of active constraints that
-            stick.
+        active: Active constraints over all ranks.
+        sticking: Number of active constraints that stick.
         step: Part of the Newton step that led to this iterate; NaN if PETSc took the step.
     """
 

@@ -159,7 +159,8 @@ class Convergence:
         tangent.
 
         Args:
-            i: Index of the body. x: Magnitude of its owned unknowns.
+            i: Index of the body.
+            x: Magnitude of its owned unknowns.
         """
         body, scale = self._system.bodies[i], self._system.scales[i]
         place = np.abs(body.V.mesh.geometry.x).max(initial=0.0) / scale

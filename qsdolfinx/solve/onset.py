@@ -35,7 +35,8 @@ class _Way:
     """Path of the constraints of an integration side in a step, and their onset times.
 
     Args:
-        p: The integration side. slip: Its slip, at the last evaluation.
+        p: The integration side.
+        slip: Its slip, at the last evaluation.
 
     Attributes:
         open: Constraints that were inactive at the start of the step and still are on the path so
@@ -60,9 +61,9 @@ class _Way:
         """Continue the path along a straight line.
 
         Args:
-            now: Part of the step so far. gap: Gap at the end of the step without the inactive
-                constraints (length). jump: Change of the relative displacement in the step until
-                the end (length).
+            now: Part of the step so far.
+            gap: Gap at the end of the step without the inactive constraints (length).
+            jump: Change of the relative displacement in the step until the end (length).
         """
         self._to_gap, self._to_jump = gap, jump
         if self.p.gap.following is not None:

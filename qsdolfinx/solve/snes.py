@@ -185,8 +185,9 @@ def set_options(
     defaults.
 
     Args:
-        prefix: Prefix of the options. given: Options of the user. linear: Defaults of the linear
-            solver.
+        prefix: Prefix of the options.
+        given: Options of the user.
+        linear: Defaults of the linear solver.
 
     Returns:
         Names of the options that are defaults of the library, not the user's choice.

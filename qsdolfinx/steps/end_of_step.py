@@ -58,8 +58,8 @@ def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
 
     Args:
         model: The contact.
-        slave: Position of the slave body. master: Position of the master body, None for a rigid
-            tool.
+        slave: Position of the slave body.
+        master: Position of the master body, None for a rigid tool.
 
     Raises:
         ValueError: If coordinates are not finite or a facet has no area.

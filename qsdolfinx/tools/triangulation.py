@@ -35,8 +35,8 @@ class Facets:
         x: Vertex coordinates, shape (facets, vertices, 3).
         vertices: Global numbers of the vertices, shape (facets, vertices).
         owner: Ranks that own the vertices, of the same shape.
-        num_owned: Number of vertices that this rank owns, a contiguous range. sign: −1 where a
-            facet's orientation must be reversed, else 1, shape (facets,).
+        num_owned: Number of vertices that this rank owns, a contiguous range.
+        sign: −1 where a facet's orientation must be reversed, else 1, shape (facets,).
     """
 
     x: Array
@@ -173,8 +173,8 @@ def _check_orientation(
         comm: Communicator of the tool.
         name: Name of the argument in the error.
         vertices: Global numbers of the vertices, shape (facets, vertices).
-        x: Coordinates of the vertices, shape (facets, vertices, 3). sign: −1 where a facet's
-            orientation must be reversed, else 1, shape (facets,).
+        x: Coordinates of the vertices, shape (facets, vertices, 3).
+        sign: −1 where a facet's orientation must be reversed, else 1, shape (facets,).
     """
     n = vertices.shape[1]
     ring = [0, 1, 3, 2] if n == 4 else [*range(n)]
