@@ -29,6 +29,48 @@ class Fault(typing.NamedTuple):
 
 
 FAULTS = [
+    # --- What is added to the matrix at once, checkpoints
+    Fault(
+        "motions of other pieces",
+        "cpp/tangent/curvature.cpp",
+        "motions.subspan(3 * insertion.size() * first)",
+        "motions.subspan(0)",
+        "all segments take the motion of the points of the first one",
+        ("tests/sliding/test_tangent.py",),
+    ),
+    Fault(
+        "unscaled curvature",
+        "cpp/tangent/curvature.cpp",
+        "block_[r * n + c] = scale_[c] * H[",
+        "block_[r * n + c] = H[",
+        "curvature of velocity-based bodies that finite sliding follows lacks Δt",
+        ("tests/sliding/test_finite_steps.py",),
+    ),
+    Fault(
+        "one diagonal for all",
+        "qsdolfinx/system/gap_matrices.py",
+        "out[:, num + k, num + k] = own",
+        "out[:, num + k, num + k] = own[:, :1]",
+        "the equations of tangential multipliers have the factor of the normal ones",
+        ("tests/sliding/test_tangent.py",),
+    ),
+    Fault(
+        "the first of equal keys",
+        "qsdolfinx/steps/rendezvous.py",
+        "order[np.repeat(first, count) + within]",
+        "order[np.repeat(first, count)]",
+        "of several values with a key the first one comes several times",
+        ("tests/steps/test_rendezvous.py",),
+    ),
+    Fault(
+        "every rank reads all",
+        "qsdolfinx/steps/checkpoint.py",
+        'range(self._comm.rank, content["ranks"], self._comm.size)',
+        'range(content["ranks"])',
+        "each rank reads every file of a checkpoint, and values come several times",
+        ("tests/steps/test_rendezvous.py",),
+        ranks=2,
+    ),
     # --- The extension
     Fault(
         "bent facets",
