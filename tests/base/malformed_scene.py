@@ -1,4 +1,4 @@
-"""Good calls of everything that is public, for ``test_malformed.py``."""
+"""Valid calls of the whole public interface, for ``test_malformed.py``."""
 
 import dataclasses
 import functools
@@ -20,21 +20,21 @@ from qsdolfinx.contact import multipliers
 
 
 class Of(typing.NamedTuple):
-    """A value that is made from the scene."""
+    """A value that is computed from the scene."""
 
     make: typing.Callable[[typing.Any], object]
 
 
 @dataclasses.dataclass
 class Call:
-    """A call with good arguments."""
+    """A call with valid arguments."""
 
     call: typing.Callable[..., object]
     arguments: dict[str, typing.Any]
 
 
 class Scene:
-    """Two blocks, a time stepper, and what is of another kind than it should be."""
+    """Two blocks, a time stepper, and objects of wrong kinds."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -51,7 +51,7 @@ class Scene:
         self.case.problem.destroy()
 
     def state(self):
-        """All that a refusal must leave as it was."""
+        """State that a refused call must not change."""
         arrays = self.case.state() + [u.x.array.copy() for u in self.pair.u]
         arrays += [m for m in multipliers.on_nodes(self.pair.contact.model.parts)]
         arrays += [self.case.tool.rotation.copy(), np.array([self.m.value])]
@@ -64,7 +64,7 @@ class Scene:
         same = all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
         return WORLD.allreduce(int(not same)) == 0 and self.case.tool.driven is None
 
-    # --- Of another kind
+    # --- Objects of wrong kinds
 
     @functools.cached_property
     def numbers(self):
@@ -80,7 +80,7 @@ class Scene:
 
     @functools.cached_property
     def on_membrane(self):
-        """On triangles in 3D."""
+        """Function space on triangles in 3D."""
         domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
         x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]], dtype=float)
         mine = slice(None) if WORLD.rank == 0 else slice(0)
@@ -126,7 +126,7 @@ class Scene:
 
     @functools.cached_property
     def other_comm(self):
-        """A surface on the same ranks in another order; on one rank, one in 3D."""
+        """A surface on a communicator with another order of ranks; on one rank, a surface in 3D."""
         if WORLD.size == 1:
             return self.of_3d
         V = self.foreign_function.function_space
@@ -272,7 +272,7 @@ SQUARE = {
     "center": None,
 }
 
-#: By name: from a scene to a good call.
+#: Valid calls by name: functions from a scene to a call.
 GOOD = {
     "Surface": lambda s: Call(qs.Surface, {"V": s.V, "facets": s.facets, "axisymmetric": False}),
     "tagged": lambda s: Call(
@@ -370,7 +370,7 @@ GOOD = {
     "axisymmetric_weight": lambda s: Call(materials.axisymmetric_weight, {"msh": s.case.mesh}),
 }
 
-#: Calls that are not collective: each rank refuses for itself.
+#: Calls that are not collective: each rank raises its own error.
 LOCAL = {
     "Coulomb",
     "Tresca",

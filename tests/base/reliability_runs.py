@@ -1,4 +1,4 @@
-"""Programs that ``test_reliability.py`` starts, and stops: ``reliability_runs.py NAME FOLDER``."""
+"""Programs that ``test_reliability.py`` starts and stops: ``reliability_runs.py NAME FOLDER``."""
 
 import os
 import pathlib
@@ -20,7 +20,7 @@ import qsdolfinx as qs  # noqa: E402
 
 
 def say(*words):
-    """A line in one write: what other ranks print at the same time does not get into it."""
+    """Print a line with one write, so that output of other ranks does not split it."""
     if WORLD.rank == 0:
         sys.stdout.flush()
         os.write(1, (" ".join(map(str, words)) + "\n").encode())
@@ -31,7 +31,7 @@ def last():
 
 
 def thrown(folder):
-    """Nobody catches what one rank raises in ``drive``."""
+    """One rank raises an error in ``drive`` that is not caught."""
 
     def drive(t, dt):
         if last():
@@ -41,35 +41,35 @@ def thrown(folder):
 
 
 def _alone(make, *right):
-    """The last rank gets something else first, which does not tell it the communicator."""
+    """Call with None as first argument on the last rank, which hides the communicator."""
     make(*([None, *right[1:]] if last() else right))
 
 
 def no_space(folder):
-    """For the very first surface, before which nothing has been installed."""
+    """Use None instead of a space for the first surface, before any handler is installed."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
     _alone(lambda V: qs.Surface(V, facets=plane(msh, 1, 0.0)), vector_space(msh))
 
 
 def no_communicator(folder):
-    """For the very first tool."""
+    """Use None instead of a communicator for the first tool."""
     _alone(qs.RigidSurface.plane, WORLD, [0.0, 0.0], [0.0, 1.0])
 
 
 def no_slave(folder):
-    """For a contact of two bodies."""
+    """Use None instead of a slave for a contact of two bodies."""
     pair = Pair("triangle")
     _alone(qs.Contact, pair.slave, pair.master)
 
 
 def no_unknowns(folder):
-    """For a problem."""
+    """Use None instead of the unknowns for a problem."""
     pair = Pair("triangle")
     _alone(lambda u: qs.ContactProblem(pair.F, u, [pair.contact], pair.bcs), pair.u)
 
 
 def interrupted(folder):
-    """Ctrl-C in the middle of a step: caught, and gone on from."""
+    """Ctrl-C in the middle of a step is caught, and the run continues."""
     case = Upset(die=True, n=4)
     case.stepper.step()
     state, forces = case.state(), case.forces()
@@ -96,7 +96,7 @@ def interrupted(folder):
 
 
 def endless(folder):
-    """Solves until it is interrupted from outside."""
+    """Solve until interrupted from outside."""
     pair = Pair("triangle", n=(40, 30))
     problem = pair.problem()
     problem.solve()
@@ -107,7 +107,7 @@ def endless(folder):
 
 
 def killed(folder):
-    """Stopped while the second checkpoint is half written, after the first is whole."""
+    """Kill the program while the second checkpoint is half written, after a complete first one."""
     case = Upset()
     case.stepper.step()
     qs.save_run(case.stepper, folder / "state", values={"step": 1})
@@ -126,7 +126,7 @@ def killed(folder):
 
 
 def loaded(folder):
-    """What the checkpoint holds."""
+    """Load the checkpoint, continue, and print the stored step."""
     case = Upset()
     values = qs.load_run(case.stepper, folder / "state")
     case.stepper.step()
@@ -134,14 +134,14 @@ def loaded(folder):
 
 
 def saved_again(folder):
-    """Over a checkpoint, and over one that was not finished."""
+    """Save over a checkpoint, and over an incomplete one."""
     case = Upset()
     qs.save_run(case.stepper, folder / "state", values={"step": 5})
     say("step", qs.load_run(case.stepper, folder / "state")["step"])
 
 
 def full_disk(folder):
-    """Files may not grow any more: a checkpoint, a table, fields."""
+    """Write a checkpoint, a table and fields when files cannot grow any more."""
     case = Upset()
     case.stepper.step()
     qs.save_run(case.stepper, folder / "state", values={"step": 1})

@@ -1,4 +1,4 @@
-"""Bad input: one clear exception, the same on every rank, that names the argument."""
+"""Invalid input raises one clear error, the same on every rank, which names the argument."""
 
 from petsc4py import PETSc
 
@@ -48,7 +48,7 @@ def test_coordinates():
 
 @pytest.mark.parametrize("place", ((0.45, 0.45), (0.5, 0.5), (1.2, 1.2)))
 def test_quadrilaterals_that_are_not_convex(place):
-    """One corner is drawn over or onto the diagonal of its facet."""
+    """Quadrilaterals with a corner on or across the diagonal of the facet are refused."""
     msh = box(WORLD, [1, 1, 1], "hexahedron", [0, 0, 0], [1, 1, 1])
     x = msh.geometry.x
     x[np.all(np.isclose(x, [1, 1, 0]), axis=1), :2] = place
@@ -65,12 +65,12 @@ def test_degenerate_facets(cell):
     msh = box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim)
     facets = plane(msh, gdim - 1, 0.0)
     x = msh.geometry.x
-    x[np.isclose(x[:, gdim - 1], 0) & (x[:, 0] < 0.4), 0] = 0  # the first row of facets is flat
+    x[np.isclose(x[:, gdim - 1], 0) & (x[:, 0] < 0.4), 0] = 0  # the first row of facets has no area
     surface_error(ValueError, "zero area", vector_space(msh), facets=facets)
 
 
 def test_exceptions_that_cannot_travel():
-    """Whatever one rank raises, all ranks raise something, and none hangs."""
+    """Whatever one rank raises, all ranks raise an error, and none hangs."""
 
     class Local(Exception):
         pass
@@ -93,7 +93,7 @@ def test_penalty_that_is_not_known_yet():
 
 
 def test_stiffness_that_is_not_finite():
-    """Said to be that, not to be missing: a coefficient or an unknown is NaN."""
+    """A NaN coefficient or unknown is reported as not finite, not as missing stiffness."""
     for solver in ("direct", "amg"):
         pair = Pair("triangle", penalty="auto")
         coefficient = fem.Constant(pair.V[1].mesh, np.nan)
@@ -106,7 +106,7 @@ def test_stiffness_that_is_not_finite():
 
 
 def test_conditions_of_one_rank_alone():
-    """The last rank has one less for a body: the same are needed everywhere."""
+    """Conditions that differ between ranks are refused: the last rank has one less for a body."""
     pair = Pair("triangle")
     last = WORLD.rank == WORLD.size - 1 and WORLD.size > 1
     pair.bcs[1] = [] if last else pair.bcs[1]
@@ -117,7 +117,7 @@ def test_conditions_of_one_rank_alone():
 
 
 def test_fields_before_the_first_solve():
-    """Forces are zero, to a writer and when they are asked for by themselves; nodes are open."""
+    """Before the first solve, forces are zero for writers and direct calls; nodes are open."""
     pair = Pair("triangle", penalty="auto")
     sources = pair.contact.field_sources("slave")
     assert not any(sources[name]().x.array.any() for name in ("traction", "pressure"))
@@ -129,7 +129,10 @@ def test_fields_before_the_first_solve():
 
 
 def test_named_after_what_causes_it():
-    """With a tie, friction is refused on all ranks, and a penalty of no friction."""
+    """Errors name the argument that causes them, on all ranks.
+
+    Examples: friction with a tie, and a friction penalty without friction.
+    """
     pair = Pair("triangle")
     both = pair.slave, pair.master
     for name, options in (
@@ -142,7 +145,7 @@ def test_named_after_what_causes_it():
 
 @pytest.mark.parametrize("height", [0.0, 0.5])
 def test_nothing_is_changed(height):
-    """NaN in a contact facet, or elsewhere in its cell, is refused and leaves all as it was."""
+    """NaN in a contact facet, or elsewhere in its cell, is refused, and the state is kept."""
     pair = Pair("quadrilateral")
     before, node = pair.contact.pairing, pair.slave.node_x.copy()
     x = pair.meshes[1].geometry.x

@@ -1,4 +1,4 @@
-"""Arguments are checked once, at the door: one reduction for all of them, and one error for all."""
+"""Arguments are checked once, on entry: one reduction and one error for all of them."""
 
 import collections
 import sys
@@ -40,7 +40,7 @@ for _name in ("allreduce", "Allreduce", "bcast", "Bcast", "allgather", "Allgathe
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Collective calls of all checks from here on."""
+    """Counter of the collective calls of all checks from here on."""
     for module in [m for name, m in sys.modules.items() if name.startswith("qsdolfinx.")]:
         for door in (checked, collective_errors):
             if module is not collective and vars(module).get(door.__name__) is door:
@@ -56,7 +56,7 @@ def scene(tmp_path_factory):
     scene.close()
 
 
-#: Calls with arguments to check; where it is not one, reductions with those that check the state.
+#: Calls with checked arguments, and their reductions; more than one if the state is checked, too.
 REDUCTIONS = {
     "Surface": 2,  # coordinates are finite
     "Surface.function": 1,
@@ -71,7 +71,7 @@ REDUCTIONS = {
     "RigidSurface.plane": 1,
     "RigidSurface.cylinder": 1,
     "RigidSurface.sphere": 1,
-    "RigidSurface.triangulated": 2,  # and that neighbours agree
+    "RigidSurface.triangulated": 2,  # and neighbours agree
     "FieldWriter": 1,
     "History": 1,
 }
@@ -96,11 +96,11 @@ def test_as_many_as_there_are(calls):
     assert calls == {"Allreduce": 1}
 
 
-# --- Ranks that do not do the same
+# --- Ranks with different arguments
 
 
 def refused(error, text, block):
-    """Assert that this block of checks ends everywhere with this error, and leaves nothing open."""
+    """Assert that a block of checks raises this error on all ranks, and no reduction is pending."""
 
     def call():
         with checked(WORLD) as same:
@@ -113,12 +113,15 @@ def refused(error, text, block):
 @pytest.mark.parallel
 @several
 def test_one_rank_fails_and_others_disagree():
-    """What is wrong on one rank is said first; that of the lowest rank if there are several."""
+    """An error on one rank has priority over disagreement of ranks.
+
+    With several errors, that of the lowest rank is raised.
+    """
 
     def block(same):
         same(POSITIVE, radius=1.0 + FIRST)  # differs on the first rank
         check(FLAG, inside="yes" if LAST else True)
-        same(more=1)  # is not reached on the last one
+        same(more=1)  # not reached on the last rank
 
     refused(TypeError, "inside: must be True or False, not 'yes'", block)
 
@@ -138,7 +141,7 @@ def test_other_numbers_of_arguments():
 
 @several
 def test_other_order_of_arguments():
-    """By itself it is no difference."""
+    """Another order of the arguments is not a difference in itself."""
     names, values = ("b", "a") if LAST else ("a", "b"), {"a": 1, "b": int(LAST)}
     with checked(WORLD) as same:
         same(**{name: name for name in names})
@@ -156,7 +159,10 @@ def test_an_argument_that_cannot_be_printed():
 
 @several
 def test_a_contact_of_ranks_that_do_not_agree():
-    """The last rank's penalty is wrong, the first has another tolerance, and a law of its own."""
+    """With different errors on ranks, the wrong penalty of the last rank is reported.
+
+    The first rank has another tolerance, and a friction law.
+    """
     pair = Pair("triangle")
     mine = {"gap_tolerance": 1e-7, "friction": qs.Coulomb(0.1)} if FIRST else {}
     mine |= {"penalty": -1.0} if LAST else {}
@@ -166,7 +172,7 @@ def test_a_contact_of_ranks_that_do_not_agree():
     assert WORLD.allreduce(1) == WORLD.size
 
 
-# --- What arguments may be
+# --- Allowed arguments
 
 
 @pytest.mark.parametrize(
@@ -193,7 +199,10 @@ def test_kinds(kind, good, bad):
 
 
 def test_messages():
-    """Name, what it must be, and what it is; its type where that would be long or an address."""
+    """A message has name, requirement and value.
+
+    It has the type if the value would be long or an address.
+    """
 
     def says(kind, value):
         with pytest.raises((TypeError, ValueError)) as found:

@@ -1,4 +1,4 @@
-"""docs/limits.md: everything that it says is refused is, with the message that it prints."""
+"""docs/limits.md: all input that it lists as refused is refused, with the message shown there."""
 
 import pathlib
 import re
@@ -33,7 +33,7 @@ PAGE = pathlib.Path(__file__).resolve().parents[2] / "docs" / "limits.md"
 
 
 def messages():
-    """Those of the page's tables."""
+    """Messages in the tables of the page."""
     return re.findall(r"^\| .* \| `(.*)` \|$", PAGE.read_text(encoding="utf-8"), re.M)
 
 
@@ -204,7 +204,7 @@ def coarse_ring():
 
 
 def broken_stl(filename, binary, length):
-    """A file of two triangles, cut off or with something after it."""
+    """A file of two triangles, truncated or with additional data after them."""
     if WORLD.rank == 0:
         corners = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
         write_stl(filename, corners.astype(np.float64), binary)
@@ -233,7 +233,7 @@ def reduced_integration():
     qs.ContactProblem([inner * ufl.dx(degree=3) + inner * ufl.dx(degree=1)], [u], [])
 
 
-#: What makes each message, from the scene and a folder.
+#: Function that provokes each message, from the scene and a folder.
 CASES = {
     # Meshes and spaces
     "V: the trace of the space on the facets must be continuous Lagrange of degree 1 or 2": (

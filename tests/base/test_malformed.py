@@ -1,8 +1,8 @@
-"""A table of malformed inputs to everything that is public.
+"""A table of malformed inputs to the whole public interface.
 
-Every row is one wrong argument in an otherwise good call. All ranks refuse it with one exception
-that names the argument, and nothing is changed; where the call is collective, the same if the last
-rank alone is given it. What takes more than one argument is in ``test_bad_input.py``.
+Every row is one wrong argument in an otherwise valid call. All ranks refuse it with one exception
+that names the argument, and nothing is changed. For a collective call, the same holds if the last
+rank alone has the wrong argument. Errors of several arguments are in ``test_bad_input.py``.
 """
 
 import pathlib
@@ -40,11 +40,11 @@ class Row(typing.NamedTuple):
     """One wrong argument.
 
     Attributes:
-        target: Name of a good call.
-        name: Of the argument.
-        value: The wrong one.
-        error: What is raised.
-        everywhere: Whether what it takes the place of carries the communicator.
+        target: Name of a valid call.
+        name: Name of the argument.
+        value: The wrong value.
+        error: Exception that is raised.
+        everywhere: Whether the argument that it replaces carries the communicator.
         says: A part of the message.
     """
 
@@ -325,7 +325,7 @@ ROWS = [
     Row("axisymmetric_weight", "msh", Of(lambda s: s.mesh_3d), V),
 ]
 
-#: Values that are good on each rank, but not the same on all.
+#: Values that are valid on each rank, but differ between ranks.
 DIFFERENT = [
     Row("Contact", "formulation", ("master-slave", "double-pass"), V),
     Row("Contact", "law", (qs.Tied(), qs.Unilateral()), V),
@@ -370,7 +370,7 @@ DIFFERENT = [
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    """One for all rows: none may change it."""
+    """One scene for all rows, since no row may change it."""
     folder = WORLD.bcast(str(tmp_path_factory.mktemp("malformed")), root=0)
     scene = Scene(pathlib.Path(folder))
     yield scene
@@ -378,7 +378,7 @@ def scene(tmp_path_factory):
 
 
 def outcome(call):
-    """What all ranks raised: (type or None, text) of each."""
+    """Exceptions of all ranks: (types or None, text) of each."""
     found = None
     try:
         call()
@@ -388,7 +388,7 @@ def outcome(call):
 
 
 def fault(row, found):
-    """What is wrong with an outcome, the same on all ranks; empty if nothing."""
+    """Description of what is wrong with an outcome, the same on all ranks; empty if nothing is."""
     errors = row.error if isinstance(row.error, tuple) else (row.error,)
     if any(types is None or not set(errors) & set(types) for types, _ in found):
         return f"{row}: {[(t and t[0].__name__, text) for t, text in found]}"
@@ -402,7 +402,7 @@ def fault(row, found):
 
 
 def check(scene, rows, given):
-    """Refused, one row after the other, by a scene that stays as it was."""
+    """Check that each row is refused, and the scene does not change."""
     before, faults = scene.state(), []
     for row in rows:
         good = GOOD[row.target](scene)

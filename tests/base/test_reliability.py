@@ -1,6 +1,6 @@
-"""What ends a run early: exceptions on one rank, Ctrl-C, a full disk, a killed process.
+"""Causes that end a run early: exceptions on one rank, Ctrl-C, a full disk, a killed process.
 
-Programs are started on one and two ranks, when the suite itself runs on one.
+Programs are started on one and two ranks, if the suite itself runs on one rank.
 """
 
 import os
@@ -23,7 +23,7 @@ import qsdolfinx as qs
 
 PROGRAMS = pathlib.Path(__file__).resolve().parent / "reliability_runs.py"
 
-#: Seconds after which a program counts as one that hangs.
+#: Time limit (seconds) after which a program counts as hanging.
 LIMIT = 120
 
 RANKS = [1, pytest.param(2, marks=pytest.mark.skipif(not shutil.which("mpirun"), reason="mpirun"))]
@@ -34,7 +34,7 @@ alone = pytest.mark.one_rank
 
 
 def on_last_rank(error):
-    """Raise on one rank alone."""
+    """Raise an error on the last rank alone."""
     if WORLD.rank == WORLD.size - 1:
         raise error
 
@@ -43,7 +43,7 @@ def on_last_rank(error):
 
 
 def shown(case):
-    """All that contacts show."""
+    """All results that contacts show."""
     out = []
     for contact in case.contacts:
         out += [
@@ -68,7 +68,10 @@ def shown(case):
 @pytest.mark.parametrize("enforcement", ["penalty", "augmented-lagrangian"])
 @pytest.mark.parametrize("die", [False, True])
 def test_results_after_a_failed_step(friction, enforcement, die):
-    """Contacts show the last good state, bit by bit, and the run goes on as if nothing had been."""
+    """After a failed step contacts show the last valid state exactly, and the run continues.
+
+    The failed step has no effect on it.
+    """
     fails = []
 
     def solve(step):
@@ -95,7 +98,10 @@ def test_results_after_a_failed_step(friction, enforcement, die):
 
 @pytest.mark.parametrize("place", ["drive", "on_solved", "motion"])
 def test_callbacks_on_one_rank(place):
-    """An exception, or another motion of a tool, on one rank alone."""
+    """An exception, or another motion of a tool, on one rank alone fails on all ranks.
+
+    The state is kept.
+    """
     broken = []
 
     def drive(t, dt):
@@ -124,7 +130,7 @@ def test_callbacks_on_one_rank(place):
 
 
 def test_own_exceptions_keep_their_type():
-    """On ranks that raise it themselves."""
+    """Exceptions of the user keep their type on ranks that raise them."""
 
     class Stop(Exception):
         pass
@@ -136,7 +142,7 @@ def test_own_exceptions_keep_their_type():
 
 
 class Broken(qs.Unilateral):
-    """Fails on one rank, in the middle of Newton's method."""
+    """A contact law that fails on one rank, during Newton's method."""
 
     def __init__(self):
         self.calls = 0
@@ -149,7 +155,7 @@ class Broken(qs.Unilateral):
 
 
 class BrokenFriction(qs.Coulomb):
-    """The same for friction."""
+    """A friction law that fails on one rank, during Newton's method."""
 
     calls = 0
 
@@ -161,7 +167,7 @@ class BrokenFriction(qs.Coulomb):
 
 
 class BrokenEnergy(qs.Coulomb):
-    """Where the energy of the solve is counted."""
+    """A friction law that fails on one rank when the energy of the solve is computed."""
 
     calls = 0
 
@@ -175,7 +181,7 @@ class BrokenEnergy(qs.Coulomb):
 @pytest.mark.parallel
 @pytest.mark.parametrize("kind", ["law", "friction", "energy"])
 def test_laws_on_one_rank(kind):
-    """The unknowns are as before, and the next solve succeeds."""
+    """If a law fails on one rank, the unknowns are as before, and the next solve succeeds."""
     law = Broken() if kind == "law" else qs.Unilateral()
     friction = {"friction": BrokenFriction(0.2), "energy": BrokenEnergy(0.2)}.get(kind)
     pair = Pair("triangle", law=law, gap=0.02, contact_options={"friction": friction})
@@ -195,7 +201,7 @@ def test_laws_on_one_rank(kind):
 @pytest.mark.parametrize("penalty", [30.0, "auto"])
 @pytest.mark.parametrize("law", [qs.Unilateral(), qs.Tied()], ids=["unilateral", "tied"])
 def test_not_a_number(where, penalty, law):
-    """No hang in the factorisation, no result: an error, and the unknowns as they were."""
+    """NaN raises an error without a hang in the factorisation; the unknowns stay."""
     pair = Pair("triangle", penalty=penalty, law=law)
     bad = fem.Constant(pair.meshes[1], np.nan)
     if where == "guess":
@@ -219,7 +225,7 @@ def test_fields_on_one_rank(tmp_path_factory):
     broken = []
 
     def field():
-        velocity = case.w.sub(0).collapse()  # collective: no rank may leave before
+        velocity = case.w.sub(0).collapse()  # collective, so all ranks must take part
         if broken:
             on_last_rank(ValueError("this field"))
         return velocity
@@ -234,7 +240,7 @@ def test_fields_on_one_rank(tmp_path_factory):
 
 
 def test_penalty_that_was_set_is_restored(tmp_path_factory):
-    """During the run; an automatic one stays automatic."""
+    """A penalty that was set during the run is restored; an automatic penalty stays automatic."""
     folder = pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("run")), root=0)) / "state"
     penalty = {"enforcement": "penalty", "penalty": 50.0}
     case = Upset(dt=0.02, contact=penalty)
@@ -260,7 +266,7 @@ def test_penalty_that_was_set_is_restored(tmp_path_factory):
 
 
 def start(name, folder, ranks=1):
-    """Start one of the programs, that can be killed with all its children."""
+    """Start one of the programs, so that it can be killed with all its children."""
     command = [sys.executable, str(PROGRAMS), name, str(folder)]
     if ranks > 1:
         command = ["mpirun", "-n", str(ranks), *command]
@@ -273,17 +279,17 @@ def start(name, folder, ranks=1):
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
-        # A shell's background jobs, and all that they start, would ignore Ctrl-C.
+        # Background jobs of a shell, and their children, would ignore Ctrl-C.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
 class Hang(AssertionError):
-    """A program did not end."""
+    """A program did not end in time."""
 
 
 def finish(process, until=None, then=None):
-    """Exit code and output; ``then`` is done when a line begins with ``until``."""
+    """Exit code and output of a program; ``then`` is called when a line starts with ``until``."""
     hangs = threading.Event()
 
     def kill():
@@ -312,7 +318,7 @@ def run(name, folder, ranks=1):
 @alone
 @pytest.mark.parametrize("ranks", RANKS)
 def test_exception_that_nobody_catches(tmp_path, ranks):
-    """Of one rank's ``drive``: all ranks end with it."""
+    """If ``drive`` raises on one rank and nothing catches it, all ranks end with the error."""
     code, text = run("thrown", tmp_path, ranks)
     assert code == 1, text
     assert text.count("KeyError: 'load table'") >= 1, text
@@ -328,7 +334,7 @@ def test_exception_that_nobody_catches(tmp_path, ranks):
     ],
 )
 def test_no_communicator_on_one_rank(tmp_path, name, ranks):
-    """A rank that cannot tell the others raises alone, and that ends all."""
+    """A rank without communicator raises alone, and this ends all ranks."""
     code, text = run(name, tmp_path, ranks)
     assert code == 1 and "TypeError: " in text and "must be" in text, text
     assert ranks == 1 or "rank 1 has failed alone: ending all" in text, text
@@ -336,7 +342,7 @@ def test_no_communicator_on_one_rank(tmp_path, name, ranks):
 
 @alone
 def test_interrupt(tmp_path):
-    """Ctrl-C in the middle of a step leaves the state before, from which the run goes on."""
+    """Ctrl-C in the middle of a step restores the state before, and the run continues from it."""
     code, text = run("interrupted", tmp_path)
     assert code == 0 and "as before\n" in text and "went on\n" in text, text
 
@@ -344,7 +350,7 @@ def test_interrupt(tmp_path):
 @alone
 @pytest.mark.parametrize("ranks", RANKS)
 def test_interrupt_from_outside(tmp_path, ranks):
-    """Ctrl-C that nobody catches ends the program with an error."""
+    """Ctrl-C that is not caught ends the program with an error."""
     process = start("endless", tmp_path, ranks)
     code, text = finish(process, "ready", lambda: process.send_signal(signal.SIGINT))
     assert code != 0, text
@@ -354,7 +360,10 @@ def test_interrupt_from_outside(tmp_path, ranks):
 @alone
 @pytest.mark.parametrize("ranks", TWO)
 def test_killed_during_a_checkpoint(tmp_path, ranks):
-    """The checkpoint before is found, by one rank and by two, and the next one replaces it."""
+    """After a kill, the previous checkpoint is found on one rank and on two.
+
+    The next checkpoint replaces it.
+    """
     code, text = run("killed", tmp_path, ranks)
     assert code in (-signal.SIGKILL, 128 + signal.SIGKILL), (code, text)
     assert (tmp_path / "state.new").exists()
@@ -368,11 +377,11 @@ def test_killed_during_a_checkpoint(tmp_path, ranks):
 @alone
 @pytest.mark.parametrize("ranks", TWO)
 def test_full_disk(tmp_path, ranks):
-    """Each writer says so; what was there before stays."""
+    """On a full disk each writer raises an error, and earlier files stay."""
     code, text = run("full_disk", tmp_path, ranks)
     assert code == 0, text
     for name in ("checkpoint", "table", "fields"):
-        # DOLFINx ignores it when HDF5 (2.2: sid) writes a dataset no earlier than it closes it.
+        # DOLFINx ignores the error if HDF5 (2.2: sid) writes a dataset only when closing it.
         printed = name == "fields" and "H5Dclose" in text and "file write failed" in text
         assert f"{name} refused" in text or printed, text
     assert "left ['fields.h5', 'fields.xdmf', 'run.csv', 'state']" in text, text

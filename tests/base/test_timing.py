@@ -1,4 +1,4 @@
-"""Wall time by stage: exclusive, over contacts and bodies, with the same stages in PETSc's log."""
+"""Wall time by stage: exclusive, summed over contacts and bodies, with the same stages in PETSc."""
 
 import time
 
@@ -11,7 +11,7 @@ from qsdolfinx.base.timing import STAGES, Stopwatch, spans
 
 
 def test_stages_are_exclusive(monkeypatch):
-    """A stage inside another one, of another stopwatch too, stops its time."""
+    """A stage pauses while an inner stage runs, also one of another stopwatch."""
     clock = 100.0
     monkeypatch.setattr(time, "perf_counter", lambda: clock)
     first, second = Stopwatch(), Stopwatch()
@@ -27,7 +27,7 @@ def test_stages_are_exclusive(monkeypatch):
             raise KeyError
         clock += 64
     clock += 128
-    with first.stage("pairing"):  # nothing else runs
+    with first.stage("pairing"):  # nothing else is running
         clock += 256
     assert {k: t for k, t in first.seconds.items() if t} == {"solve": 2 + 8 + 64, "pairing": 256}
     assert {k: t for k, t in second.seconds.items() if t} == {"gap": 4 + 16, "insertion": 32}
@@ -52,7 +52,7 @@ def test_timings_of_a_problem():
 
 
 def test_stages_of_petsc():
-    """Each stage is one of PETSc's, made once."""
+    """Each stage is a stage of PETSc's log, created once."""
     watch = Stopwatch()
     for _ in range(2):
         with watch.stage("gap"):

@@ -1,4 +1,4 @@
-"""The meshes and inputs that bench/peers.py gives to other programs."""
+"""Meshes and inputs that bench/peers.py gives to other programs."""
 
 import importlib.util
 import os
@@ -25,7 +25,7 @@ import spring
 
 @pytest.mark.parametrize("bottom", [0.0, 1.0])
 def test_cube(bottom):
-    """Cells have the same positive volume, faces look outward and belong to the cells named."""
+    """Cells have equal positive volumes; faces point outward and belong to the named cells."""
     n = 3
     body = cubes.cube(n, bottom)
     assert body.x.shape == ((n + 1) ** 3, 3) and body.cells.shape == (n**3, 8)
@@ -46,7 +46,7 @@ def test_cube(bottom):
 
 @pytest.mark.parametrize("refine", [1, 2])
 def test_ring(refine):
-    """Cells are turned the same way, edges that may touch have the body on their left."""
+    """Cells have the same orientation; edges that may touch have the body on their left."""
     areas = {"ring": np.pi / 2 * (ring.OUTER**2 - ring.INNER**2), "block": ring.WIDTH * ring.HEIGHT}
     for name, body in ring.bodies(refine).items():
         a, b, c, d = body.x[body.cells].transpose(1, 0, 2)
@@ -66,7 +66,7 @@ def test_ring(refine):
 
 @pytest.mark.parametrize("refine", [1, 2])
 def test_spring(refine):
-    """One body without holes; its halves and its ends are told apart."""
+    """The spring is one body without holes; its halves and its ends are distinguished."""
     body = spring.spring(refine)
     a, b, c, d = body.x[body.cells].transpose(1, 0, 2)
     area = np.linalg.det(np.stack([c - a, d - b], axis=1)) / 2
@@ -83,7 +83,7 @@ def test_spring(refine):
 
 
 def test_calculix_input(tmp_path):
-    """Nodes and cells are numbered on from one cube to the other, faces are those that touch."""
+    """Nodes and cells are numbered continuously over both cubes; faces are those in contact."""
     calculix.write_deck(tmp_path / "job.inp", cubes, [3, 2], 5.0, "SPOOLES", "B")
     text = (tmp_path / "job.inp").read_text()
     cards = {}
@@ -110,7 +110,7 @@ def test_calculix_input(tmp_path):
 
 
 def test_calculix_symmetry(tmp_path):
-    """Nodes of symmetry planes are held along the plane's axis."""
+    """Nodes on symmetry planes are fixed along the normal of the plane."""
     calculix.write_deck(tmp_path / "job.inp", sphere, [3, 2], 5.0, "SPOOLES", "B", True)
     cards = (tmp_path / "job.inp").read_text().split("\n*")
     held = next(card for card in cards if card.startswith("BOUNDARY")).split("\n")
@@ -127,7 +127,7 @@ def test_calculix_symmetry(tmp_path):
 
 
 def test_calculix_displacements():
-    """Of what was printed in several increments, the last counts."""
+    """Of output in several increments, the last is used."""
     text = """
  displacements (vx,vy,vz) for set ALL and time  0.5000000E+00
 
@@ -144,14 +144,14 @@ def test_calculix_displacements():
 
 
 def test_missing_program():
-    """What cannot be started is reported with the reason."""
+    """A program that cannot be started is reported with the reason."""
     found = install.prepare(["kratos"], None, "/nowhere/python3", lambda text: None)
     assert isinstance(found["kratos"], install.Missing)
     assert "No such file" in str(found["kratos"])
 
 
 def test_missing_package():
-    """So is a package that Python does not find and that is not to be installed."""
+    """A package that Python does not find, and that is not to be installed, is reported as well."""
     if importlib.util.find_spec("dolfinx_contact"):
         pytest.skip("it is there")
     found = install.prepare(["asimov"], None, None, lambda text: None)
@@ -161,7 +161,7 @@ def test_missing_package():
 
 @pytest.mark.one_rank
 def test_no_source(monkeypatch, tmp_path):
-    """Without git it is told what to clone, and how to give it."""
+    """Without git, the error names the repository to clone, and the option for its folder."""
     if importlib.util.find_spec("dolfinx_contact"):
         pytest.skip("it is there")
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -170,14 +170,14 @@ def test_no_source(monkeypatch, tmp_path):
 
 
 def test_python_path(monkeypatch):
-    """A folder of packages comes before what is on the path, and nothing else changes."""
+    """A folder of packages is put before the existing path, and nothing else changes."""
     monkeypatch.setenv("PYTHONPATH", "/some")
     assert install.with_path("/other")["PYTHONPATH"] == os.pathsep.join(("/other", "/some"))
     assert install.with_path(None)["PYTHONPATH"] == "/some"
 
 
 def test_missing_solver(tmp_path):
-    """A program that ends with an error gives its message, not numbers."""
+    """If a program ends with an error, its message is reported, not numbers."""
     program = tmp_path / "ccx"
     program.write_text("#!/bin/sh\necho ' *ERROR: the solver is not linked'\nexit 201\n")
     program.chmod(0o755)
@@ -191,7 +191,7 @@ def test_missing_solver(tmp_path):
 
 
 def test_sphere_mesh():
-    """Volumes, the two surfaces and the symmetry planes of the job "hertz"."""
+    """The job "hertz" has the right volumes, contact surfaces and symmetry planes."""
     sizes = 9, 6
     lower, upper = sphere.bodies(sizes)
     side = sphere.SIDE
@@ -208,7 +208,7 @@ def test_sphere_mesh():
             assert np.allclose(np.delete(normal, axis, axis=1), 0)
             outer = side**2 - (0 if body is lower else side**3 / (6 * sphere.R))
             area = -normal[:, axis].sum() / 2
-            # The chords of the parabola are above it.
+            # Chords of the parabola are above it.
             assert outer * 0.99 < area < outer * (1 + 1e-12)
     low, high = lower.x[np.unique(lower.high)], upper.x[np.unique(upper.low)]
     assert np.all(low[:, 2] == 0)
@@ -220,7 +220,7 @@ def test_sphere_mesh():
 
 
 def volume(body):
-    """Volume, from six tetrahedra around a diagonal of each cell; the cells' sides are planar."""
+    """Volume from six tetrahedra around a diagonal of each cell; faces of cells are planar."""
     paths = [(1, 2), (2, 3), (3, 7), (7, 4), (4, 5), (5, 1)]
     x = body.x[body.cells]
     parts = [
@@ -231,7 +231,7 @@ def volume(body):
 
 
 def test_uniform_pressure():
-    """A uniform upright stress gives the exact pressure at all nodes, and no other forces."""
+    """A uniform vertical stress gives the exact pressure at all nodes, and no other forces."""
     stress = -7.0
     lower, upper = sphere.bodies([7, 5])
     for body, modulus, quads, sign in (
@@ -247,7 +247,7 @@ def test_uniform_pressure():
 
 
 def test_hertz_forces():
-    """Forces of Hertz's pressure have its sum and moments; their error is that of lumping."""
+    """Nodal forces of Hertz's pressure have its sum and moments; their error is that of lumping."""
     force, nodal = 150.0, []
     a, p0 = hertz_error.hertz(force)
     for sizes in ((13, 10), (27, 21)):
@@ -265,7 +265,7 @@ def test_hertz_forces():
 
 
 def test_wrong_conditions():
-    """Displacements that are not those of the job give no error, but a reason."""
+    """Displacements that violate the conditions of the job give a reason, not an error measure."""
     sizes = 4, 3
     bodies = sphere.bodies(sizes)
     u = np.zeros((sum(len(body.x) for body in bodies), 3))
@@ -280,7 +280,7 @@ def test_wrong_conditions():
 
 
 def test_own_forces():
-    """A program's tractions are measured instead of the forces inside; its loads balance those."""
+    """A program's tractions are measured instead of internal forces; its loads balance those."""
     sizes, force = (7, 5), 150.0
     lower, upper = sphere.bodies(sizes)
     first = len(lower.x)
@@ -295,17 +295,17 @@ def test_own_forces():
     ]
     row = hertz_error.measure(sizes, u, tractions=tractions)
     assert np.isclose(row["total"], force, rtol=1e-3)
-    assert row["unbalanced_upper"] > 1e-3  # only the top has moved
+    assert row["unbalanced_upper"] > 1e-3  # only the top is displaced
     row = hertz_error.measure(sizes, u, np.concatenate(inside), 1.1 * tractions)
     assert row["unbalanced_lower"] == row["unbalanced_upper"] == 0
     assert np.isclose(row["total"], 1.1 * force, rtol=1e-3)
     far = hertz_error.measure(sizes, u, tractions=2 * tractions)
-    assert far["l2_lower"] > row["l2_lower"] > 1e-2  # of a larger force the radius is another
+    assert far["l2_lower"] > row["l2_lower"] > 1e-2  # a larger force has another radius
 
 
 @pytest.mark.one_rank
 def test_asimov_converges(monkeypatch):
-    """Nitsche's tractions come near to Hertz's pressure, and its forces balance those inside."""
+    """Nitsche's tractions converge to Hertz's pressure, and its forces balance internal forces."""
     pytest.importorskip("dolfinx_contact")
     import asimov
 
@@ -343,7 +343,7 @@ def test_asimov_cubes(monkeypatch):
 @pytest.mark.one_rank
 @pytest.mark.long
 def test_ours_converges(monkeypatch):
-    """The pressure of our own solution comes near to Hertz's, on both bodies."""
+    """The pressure of our own solution converges to Hertz's, on both bodies."""
     monkeypatch.setattr(ours, "COMM", MPI.COMM_SELF)
     rows = []
     for sizes in ((10, 8), (20, 16)):

@@ -1,4 +1,4 @@
-"""The benchmark of linear solvers: what it measures, and that the page has it."""
+"""The benchmark of linear solvers: its measurements, and that the page shows them."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_page_is_up_to_date():
     ),
 )
 def test_row(scene, monkeypatch):
-    """Of each solver a time, of "auto" what it picked, and its time over the best."""
+    """A row has a time for each solver, the choice of "auto", and its time over the best."""
     monkeypatch.setitem(presets.LARGE, 3, 10)
     (row,) = solvers.rows_of(solvers.Case(scene, 3, 1, 0.0), 40.0, [3])
     named = solvers.SOLVERS[scene]
@@ -31,7 +31,10 @@ def test_row(scene, monkeypatch):
 
 
 def test_slow_solvers_are_left_out():
-    """After one size that took too long; without any the sizes that follow are left out, too."""
+    """A solver is omitted after a size that took too long.
+
+    Without any solver left, later sizes are omitted, too.
+    """
     case = solvers.Case("linear", 2, 1, 0.0)
     rows = list(solvers.rows_of(case, 0.0, [2, 3, 4]))
     assert [row["cells"] for row in rows] == [2]

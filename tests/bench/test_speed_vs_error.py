@@ -1,4 +1,4 @@
-"""The benchmark of speed against error: its errors, and that the page has what was measured."""
+"""The benchmark of speed against error: its errors, and that the page shows the results."""
 
 from mpi4py import MPI
 
@@ -19,7 +19,10 @@ KINDS = [
 
 
 def test_errors():
-    """They are those of the demo on one rank; the overlay's are smaller and fall faster."""
+    """Errors are those of the demo on one rank.
+
+    With the overlay they are smaller and decrease faster.
+    """
     result = speed_vs_error.measure("hertz2d", [0, 1], 1, KINDS)
     assert [speed_vs_error.kind_of(row) for row in result["rows"]] == KINDS
     for level, row in ((level, row) for row in result["rows"] for level in (0, 1)):
@@ -37,19 +40,19 @@ def test_errors():
 
 
 def test_scene_starts_anew():
-    """Forging moves its meshes: the next run on the same bodies has the same errors."""
+    """Forging moves its meshes, but a second run on the same bodies has the same errors."""
     shared = Forging.prepare(WORLD, [-2])
     scene = Forging(WORLD, -2, shared)
     first, again = (speed_vs_error.run_once(scene, OVERLAY) for _ in range(2))
     for side in SIDES:
         assert np.isclose(first[side], again[side], rtol=1e-6)
         assert first[side] < 0.05
-    # The dies are nearly rigid: the reference is the closed form.
+    # The dies are nearly rigid, so the reference is the closed form.
     assert abs(shared.numbers["mean pressure over that between rigid dies"] - 1) < 0.01
 
 
 def test_page():
-    """The page has the tables of the results on file."""
+    """The page has the tables of the stored results."""
     results = speed_vs_error.load(speed_vs_error.RESULTS)
     assert [r["case"] for r in results] == list(speed_vs_error.CASES)
     page = (speed_vs_error.DOCS / "speed-vs-error.md").read_text(encoding="utf-8")
@@ -57,7 +60,7 @@ def test_page():
 
 
 def test_figure(tmp_path):
-    """A solve that failed leaves a hole in the line, and the table says so."""
+    """A failed solve leaves a gap in the line, and the table says so."""
     pytest.importorskip("matplotlib")
     if WORLD.rank == 0:
         result = speed_vs_error.load(speed_vs_error.RESULTS)[0]

@@ -1,4 +1,4 @@
-"""The elasto-plastic billet of bench/upsetting_j2.py, coarse, and what CalculiX is given of it."""
+"""The elasto-plastic billet of bench/upsetting_j2.py, coarse, and its input for CalculiX."""
 
 import pathlib
 import re
@@ -16,31 +16,31 @@ import upsetting_j2
 
 @pytest.fixture(scope="module")
 def history():
-    """A run."""
+    """Run a coarse billet; returns its history."""
     return upsetting_j2.run(4, 12, verbose=False)
 
 
 def test_force_and_energy(history):
-    """The force is about that without friction at least, Siebel's at most; energies add up."""
+    """The force is between about that without friction and Siebel's; energies add up."""
     rows = upsetting_j2.table(history)
     assert np.isclose(history["reduction"][-1], 0.6)
     for row in rows:
-        lower = 0.95 * row["frictionless"]  # the face is smaller than the cylinder's
+        lower = 0.95 * row["frictionless"]  # the face is smaller than the section
         assert lower < row["force"] < row["siebel"], row
         assert abs(row["energy_error"]) < 0.02 and abs(row["volume_change"]) < 0.005, row
     assert np.all(np.diff([row["radius"] for row in rows]) > 0.5)
-    # A cylinder of the same volume is thinner in the middle, and wider at the die.
+    # Compared with a cylinder of the same volume, it is thinner at the die and wider in the middle.
     assert rows[-1]["die_radius"] < 10 / np.sqrt(0.4) < rows[-1]["radius"]
 
 
 def test_first_step(history):
-    """Until it yields: stiffer than a free bar, softer than one that cannot widen."""
+    """Before yielding, it is stiffer than a free bar and softer than a laterally confined one."""
     stress = history["force"][1] / (np.pi * 10**2) / history["reduction"][1]
     assert 200e3 < stress < 200e3 * (1 - 0.3) / (1 + 0.3) / (1 - 2 * 0.3)
 
 
 def test_deck():
-    """Elements are turned the same way and fill the section; the last ones of rows are the side."""
+    """Elements have one orientation and fill the section; the last ones of rows form the side."""
     parts = re.split(r"\n?\*(?=[A-Z])", upsetting_calculix.deck(4))
     blocks = {part.split("\n")[0]: part.split("\n")[1:] for part in parts}
     nodes = np.array([[float(v) for v in row.split(",")] for row in blocks["NODE"]])

@@ -1,11 +1,11 @@
-"""Cases of bench/verified.py at their smallest size: how far from what others give."""
+"""Cases of bench/verified.py at the smallest size: differences from published results."""
 
 import numpy as np
 import pytest
 import verified
 from scenes import WORLD
 
-#: Those that take a second or less.
+#: Cases that take a second or less.
 EACH_TIME = (
     "boussinesq_punch",
     "calculix_friction1",
@@ -24,7 +24,7 @@ EACH_TIME = (
     [pytest.param(n, marks=[] if n in EACH_TIME else pytest.mark.long) for n in verified.names()],
 )
 def test_case(name):
-    """Nearer to the references than the case says of its coarse meshes, where they are no guess."""
+    """Differences from the references are below the limit of the case for its coarse meshes."""
     rows = verified.case(name).run(True, WORLD)
     assert rows
     far = verified.case(name).FAR

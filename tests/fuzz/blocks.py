@@ -16,7 +16,7 @@ def field(x, scene, seed, amplitude=0.05):
     waves = rng.normal(size=(4, 3)) * 3 / scene.size
     phases = rng.uniform(0, 2 * np.pi, (4, scene.gdim))
     values = np.sin((x @ waves.T)[:, :, None] + phases).sum(axis=1)
-    push = (1 - 2 * (seed % 2)) * np.asarray(scene.direction)  # 0 of the slave, 1 of the master
+    push = (1 - 2 * (seed % 2)) * np.asarray(scene.direction)  # 0: slave, 1: master
     return amplitude * scene.size * (0.5 * values + push)
 
 
@@ -30,7 +30,7 @@ def unknowns(surface, scene, seed):
 
 
 def assembly(contact, scene, numbers):
-    """Forces and blocks for given displacements; adds to the numbers. Collective."""
+    """Compute forces and blocks for given displacements; adds to the numbers. Collective."""
     surfaces = contact.slave, contact.master
     u = [unknowns(s, scene, i) for i, s in enumerate(surfaces)]
     v = [unknowns(s, scene, 10 + 2 * i) for i, s in enumerate(surfaces)]
@@ -62,9 +62,10 @@ def residual(contact):
 
 
 def moment_faults(contact, scene, imbalance, size):
-    """The moments differ by what forces along n do between points that are not on a line along n.
+    """Check the balance of moments, up to points that do not face each other exactly.
 
-    Σ_p w_p λ(ξ_p) (x_s − x_m) × n_p, of which nothing is left where the points face each other.
+    The expected difference is Σ_p w_p λ(ξ_p) (x_s − x_m) × n_p. It vanishes if the two points lie
+    on a line along n.
     """
     if scene.tied or scene.degree > 1:
         return []
@@ -99,7 +100,7 @@ def moment_faults(contact, scene, imbalance, size):
 
 
 def blocks_of(contact):
-    """Blocks ss, sm, ms, mm. Collective."""
+    """Blocks ss, sm, ms, mm of the tangent. Collective."""
     layouts = [
         (s.V.dofmap.index_map.size_local * s.gdim, s.V.dofmap.index_map.size_global * s.gdim)
         for s in (contact.slave, contact.master)
@@ -121,7 +122,7 @@ def blocks_of(contact):
 
 
 def block_faults(contact, scene, v, r, numbers):
-    """Symmetry, sign and truth of the tangent. Collective."""
+    """Check that the tangent is symmetric, semi-definite and the true derivative. Collective."""
     mats = blocks_of(contact)
     out = []
     norms = [mat.norm(PETSc.NormType.FROBENIUS) for mat in mats]
@@ -152,7 +153,7 @@ def block_faults(contact, scene, v, r, numbers):
 
 
 def spectrum_faults(mats, scale):
-    """Smallest eigenvalue of the whole."""
+    """Check the smallest eigenvalue of the whole tangent."""
     dense = [mat.convert("dense").getDenseArray() for mat in mats]
     K = np.block([[dense[0], dense[1]], [dense[2], dense[3]]])
     if np.abs(K - K.T).max() > 1e-12 * scale:
@@ -162,7 +163,7 @@ def spectrum_faults(mats, scale):
 
 
 def apply(mats, v):
-    """Both bodies' parts of the tangent times a vector. Collective."""
+    """Product of the tangent, of both bodies, with a vector. Collective."""
     out = v[0].duplicate(), v[1].duplicate()
     for i in (0, 1):
         mats[2 * i].mult(v[0], out[i])
@@ -171,7 +172,7 @@ def apply(mats, v):
 
 
 def derivative_faults(contact, scene, v, r, Kv):
-    """The residual's change is the tangent's: it is linear as long as the active set stays."""
+    """Check that the tangent gives the change of the residual for a fixed active set."""
     state = active_set.active_state(contact.model)
     h = 1e-4
     u = [unknowns(s, scene, i) for i, s in enumerate((contact.slave, contact.master))]

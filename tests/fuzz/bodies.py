@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-#: Each is drawn with the same probability.
+#: Each formulation is drawn with the same probability.
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric", "quasi-symmetric")
 
 
@@ -45,7 +45,7 @@ class Scene:
 
     @property
     def words(self):
-        """What to print of it."""
+        """Description of the scene for output."""
         o = self.options
         cells = "/".join(shape.cell for shape in self.shapes)
         extra = [" axisymmetric"] * self.axisymmetric + [" tied"] * self.tied
@@ -54,7 +54,7 @@ class Scene:
 
 
 def rotation(rng, gdim):
-    """Random rotation."""
+    """A random rotation."""
     q, r = np.linalg.qr(rng.normal(size=(gdim, gdim)))
     q *= np.sign(np.diag(r))
     if np.linalg.det(q) < 0:
@@ -63,7 +63,7 @@ def rotation(rng, gdim):
 
 
 def hull(rng, gdim):
-    """Hull of random points on an ellipsoid, with some inside, meshed by Delaunay's method."""
+    """Convex hull of random points on an ellipsoid and inside, meshed by Delaunay's method."""
     counts = (rng.integers(5, 12), rng.integers(1, 5)) if gdim == 2 else (rng.integers(7, 16), 3)
     surface = rng.normal(size=(counts[0], gdim))
     surface /= np.linalg.norm(surface, axis=1, keepdims=True)
@@ -72,7 +72,7 @@ def hull(rng, gdim):
     x = np.concatenate([surface, inside]) * rng.uniform(0.5, 1.0, gdim)
     cells = scipy.spatial.Delaunay(x).simplices
     corners = x[cells[:, 1:]] - x[cells[:, :1]]
-    cells = cells[np.abs(np.linalg.det(corners)) > 1e-6]  # nothing of a flat cell would be solved
+    cells = cells[np.abs(np.linalg.det(corners)) > 1e-6]  # flat cells cannot be solved
     return Shape(x, cells, "triangle" if gdim == 2 else "tetrahedron")
 
 
@@ -89,7 +89,7 @@ def lattice(n):
 
 
 def block(rng, gdim, aligned):
-    """A box of quadrilaterals or hexahedra; unless aligned, sheared and slightly warped."""
+    """A box of quadrilaterals or hexahedra; if not aligned, it is sheared and slightly warped."""
     n = rng.integers(1, 5 if gdim == 2 else 4, gdim)
     x, cells = lattice(n)
     if not aligned:
@@ -100,7 +100,7 @@ def block(rng, gdim, aligned):
 
 
 def simplices(shape):
-    """The cells of an aligned box cut into triangles or tetrahedra."""
+    """An aligned box whose cells are divided into triangles or tetrahedra."""
     cuts = [[0, 1, 3], [0, 2, 3]]
     if shape.x.shape[1] == 3:
         cuts = [[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]]
@@ -114,11 +114,11 @@ def any_block(rng, gdim):
 
 
 def random_scene(seed, index):
-    """Scene number `index` of this seed; every rank makes the same one."""
+    """Scene number `index` of this seed; the same on every rank."""
     rng = np.random.default_rng([seed, index])
     gdim = int(rng.choice([2, 3]))
     aligned = rng.random() < 0.3
-    if aligned:  # faces on faces, with all the ties and coincidences that brings
+    if aligned:  # faces on faces, with many coincident nodes
         shapes = [any_block(rng, gdim), any_block(rng, gdim)]
         direction = np.eye(gdim)[rng.integers(gdim)] * rng.choice([-1, 1])
     else:
@@ -168,7 +168,7 @@ def random_scene(seed, index):
 
 
 def at_random(seed):
-    """Partitioner that deals cells to ranks at random, or gives all of them to one."""
+    """Partitioner that assigns cells to ranks at random, or all cells to one rank."""
 
     def ranks_of(total, size):
         rng = np.random.default_rng(seed)
@@ -179,7 +179,7 @@ def at_random(seed):
 
 
 def make_mesh(comm, shape, seed):
-    """The body's mesh, its cells spread at random."""
+    """Mesh of the body, with cells distributed at random."""
     domain = basix.ufl.element("Lagrange", shape.cell, 1, shape=(shape.x.shape[1],))
     mine = slice(None) if comm.rank == 0 else slice(0, 0)
     x = np.ascontiguousarray(shape.x[mine], dtype=np.float64)
@@ -187,7 +187,7 @@ def make_mesh(comm, shape, seed):
 
 
 def make_surface(msh, shape, toward, scene):
-    """The boundary, or the part of it that looks along a direction, as a contact surface."""
+    """Contact surface: the boundary, or its part with normals along a direction."""
     fdim = msh.topology.dim - 1
     msh.topology.create_connectivity(fdim, fdim + 1)
     facets = mesh.exterior_facet_indices(msh.topology)
@@ -200,7 +200,7 @@ def make_surface(msh, shape, toward, scene):
 
 
 def make_surfaces(comm, scene):
-    """Both bodies' meshes and contact surfaces on this communicator."""
+    """Meshes and contact surfaces of both bodies on this communicator."""
     return [
         make_surface(
             make_mesh(comm, shape, [scene.index, i]), shape, (1 - 2 * i) * scene.direction, scene

@@ -1,11 +1,11 @@
-"""Pairing points by brute force, with NumPy alone: every node against every facet."""
+"""Contact detection by brute force, with NumPy alone: every node against every facet."""
 
 import numpy as np
 
-#: Decisions that a smaller relative change would turn are not held against either of the two.
+#: Decisions that a smaller relative change would reverse are not counted as faults.
 MARGIN = 1e-7
 
-#: Cosine by which normals have to be opposed at least.
+#: Minimum cosine between normals that count as opposed.
 FACING = 0.1
 
 
@@ -24,14 +24,14 @@ def on_segment(a, b, p):
 
 
 def nearest(candidates, p):
-    """Of several arrays of points the one that is closest to p, element by element."""
+    """Closest to p of several arrays of points, element by element."""
     stack = np.stack(np.broadcast_arrays(*candidates))
     pick = np.argmin(np.linalg.norm(stack - p, axis=-1), axis=0)
     return np.take_along_axis(stack, pick[None, ..., None], axis=0)[0]
 
 
 def on_triangle(a, b, c, p):
-    """Inside if on the inner side of all edges, else on the nearest edge."""
+    """Closest points of triangles: inside of all edges, or else on the nearest edge."""
     n = unit(np.cross(b - a, c - a))
     q = p - dot(p - a, n)[..., None] * n
     edges = ((a, b), (b, c), (c, a))
@@ -40,9 +40,9 @@ def on_triangle(a, b, c, p):
 
 
 def on_patch(corners, p, steps=200):
-    """Closest points of bilinear patches: exact minimisation along one coordinate and the other.
+    """Closest points of bilinear patches: exact minimisation along each coordinate in turn.
 
-    From several starts. A minimum that it creeps to is found to about 1e-6.
+    It uses several starting points. A minimum that is approached slowly has an error of about 1e-6.
     """
     x0, x1, x2, x3 = corners
     a, b, c = x1 - x0, x2 - x0, x3 - x1 - x2 + x0
@@ -84,7 +84,10 @@ def outward(facets, center):
 
 
 def crossed(x, y, facets):
-    """Whether the line from x to y, or as far beyond y again, meets a facet between, at neither."""
+    """Whether the line from x to y, or its continuation by the same length, crosses another facet.
+
+    Intersections at x or at y do not count.
+    """
     out = np.zeros(len(x), dtype=bool)
     for corners in facets:
         at_node = np.linalg.norm(corners[:, None] - x, axis=-1).min(axis=0)
@@ -96,18 +99,19 @@ def crossed(x, y, facets):
 
 
 def sizes_of(facets):
-    """Largest distances of two vertices."""
+    """Largest distance between two vertices of each facet."""
     return np.linalg.norm(facets[:, :, None] - facets[:, None], axis=-1).max(axis=(1, 2))
 
 
 def reaches(x, facets, own, radius):
-    """How far each node may be from each facet, shape (nodes, facets).
+    """Search distance of each node for each facet, shape (nodes, facets).
 
     Args:
         x: Nodes.
-        facets: Of the other surface.
-        own: Of the nodes' surface.
-        radius: One for all; "local" for the size of the facet or, if larger, of those at the node.
+        facets: Facets of the other surface.
+        own: Facets of the nodes' surface.
+        radius: One for all; "local" for the size of the facet or, if larger, of the facets at the
+            node.
     """
     if radius != "local":
         return np.full((len(x), len(facets)), radius)
@@ -118,18 +122,18 @@ def reaches(x, facets, own, radius):
 
 
 def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
-    """What is wrong with the pairing of nodes: too far, too near, paired or not against the rule.
+    """Faults of the contact pairs of nodes: too far, too near, paired or not against the rule.
 
     Args:
         x: Nodes, shape (nodes, 3).
-        normal: Their normals.
+        normal: Normals at the nodes.
         facets: All facets of the other surface, shape (facets, vertices, 3).
         center: A point inside the other body.
         radius: Search radius, see :func:`reaches`.
         found: Whether each node was paired.
-        point: Where.
-        own: All facets of the nodes' surface: what they hide from a node may be unpaired, and
-            without a radius their sizes say how far the nodes look.
+        point: Closest points of the paired nodes.
+        own: All facets of the nodes' surface: nodes behind them may be unpaired, and without a
+            radius their sizes determine the search distance of the nodes.
     """
     if len(x) == 0:
         return []
@@ -155,7 +159,7 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
     here = (np.abs(distance - got[:, None]) <= slack) & (facing < angle)
     if np.any(found & (got > np.where(here, reach, 0).max(axis=1) * (1 + 1e-12))):
         out.append("paired beyond the radius")
-    # Unpaired although something admissible is near and nothing of it beside the surface.
+    # Nodes that are unpaired although admissible facets are near, and that lie beside none of them.
     offset = tangential_offset(x[:, None] - q, n[None])
     height = np.abs(dot(x[:, None] - q, n[None]))
     within = offset < (1 - MARGIN) * 0.1 * size
@@ -174,10 +178,10 @@ def nodal_faults(x, normal, facets, center, radius, found, point, own=()):
 
 
 def is_outside(x, q, n, distance, facing, size):
-    """Whether nodes behind the plane of the nearest facet that faces them are outside all the same.
+    """Whether nodes behind the plane of the nearest facet that faces them are still outside.
 
-    Their closest point is on its edge, and they are in front of another facet that is as near and
-    does not face them.
+    Their closest point is on the edge of this facet, and they are in front of another facet that is
+    as near and does not face them.
     """
     nodes = np.arange(len(x))
     nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
@@ -189,9 +193,9 @@ def is_outside(x, q, n, distance, facing, size):
 
 
 def is_behind_the_edge(x, q, n, distance, facing):
-    """Whether the nearest facet that faces a node meets one there whose back the node sees.
+    """Whether the nearest facet that faces a node has a neighbour there with its back to the node.
 
-    A line of sight then just touches that one, and may or may not be hidden by it.
+    A line of sight just touches this neighbour, which may or may not hide the facet.
     """
     nodes = np.arange(len(x))
     nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
@@ -200,11 +204,11 @@ def is_behind_the_edge(x, q, n, distance, facing):
 
 
 def has_shorter_way_out(x, normal, q, n, facing, facets, own, nodes):
-    """Whether faces across, opposite to each other, are less deep together than the nearest one.
+    """Whether opposite lateral faces together are less deep than the nearest facet.
 
     Args:
-        x: All nodes, and so on as for :func:`nodal_faults`.
-        nodes: Of which to say so.
+        x: All nodes; other arguments as for :func:`nodal_faults`.
+        nodes: Nodes to check.
     """
     out = np.zeros(len(nodes), dtype=bool)
     if len(nodes) == 0:
@@ -227,7 +231,7 @@ def has_shorter_way_out(x, normal, q, n, facing, facets, own, nodes):
 
 
 def across(p, facets, normals, axis, depth):
-    """Distances and normals of facets across an axis that have a point behind them."""
+    """Distances and normals of facets lateral to an axis that have a point behind them."""
     q = closest(p[None], facets)[0]
     distance = np.linalg.norm(q - p, axis=1)
     behind = dot(p - q, normals) < 1e-6 * depth
@@ -236,7 +240,7 @@ def across(p, facets, normals, axis, depth):
 
 
 def hidden(x, q, facing, distance, facets, own):
-    """Whether facets may stand between the nodes and the nearest that faces them."""
+    """Whether facets may lie between the nodes and the nearest facet that faces them."""
     nearest = np.argmin(np.where(facing < 0, distance, np.inf), axis=1)
     y = q[np.arange(len(x)), nearest]
     return crossed(x, y, [*facets, *own])

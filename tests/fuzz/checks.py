@@ -1,4 +1,4 @@
-"""What has to hold for the pairing and the blocks of any scene of ``run.py``."""
+"""Checks of contact detection and tangent blocks for any scene of ``run.py``."""
 
 import itertools
 
@@ -12,11 +12,11 @@ from scenes import all_facets
 
 
 class Numbers:
-    """Numbers of a scene that must not depend on the ranks, each with the size that counts."""
+    """Numbers of a scene that must not depend on the ranks, each with its reference size."""
 
     def __init__(self):
         self.values, self.sizes, self.names = [], [], []
-        #: Why there is no solution.
+        #: Reason why there is no solution.
         self.refused = None
 
     def add(self, name, value, size):
@@ -25,7 +25,7 @@ class Numbers:
         self.sizes.append(float(size))
 
     def faults(self, other, tolerance):
-        """Names of the numbers that differ from another's by more than this."""
+        """Names of the numbers that differ from those of another run by more than a tolerance."""
         if self.names != other.names:
             return ["solved or refused"]
         out = []
@@ -36,16 +36,16 @@ class Numbers:
 
     @property
     def digest(self):
-        """One number of the order of 1."""
+        """One number of the order of 1 for comparison."""
         sizes = np.maximum(self.sizes, 1e-300)
         return float(np.sum(np.array(self.values) / sizes * np.sin(1 + np.arange(len(sizes)))))
 
 
 def check_scene(comm, scene):
-    """Pair and assemble a scene. Collective.
+    """Detect contact and assemble a scene. Collective.
 
     Returns:
-        Its numbers, and what is wrong on this rank (a list of sentences).
+        Its numbers, and the faults on this rank (a list of sentences).
     """
     contact = make_contact(comm, scene)
     faults = point_faults(contact, scene)
@@ -62,11 +62,11 @@ def check_scene(comm, scene):
     return numbers, faults
 
 
-# --- Pairing
+# --- Contact detection
 
 
 def point_faults(contact, scene):
-    """Of single points: functions that sum to one, unit normals, finite gaps within the radius."""
+    """Faults of single points: shape functions, unit normals, finite gaps within the radius."""
     out = []
     for p in contact.model.pairings:
         sides = (p.slave, p.master)
@@ -92,7 +92,7 @@ def point_faults(contact, scene):
 
 
 def pairing_numbers(contact):
-    """Sums over the points that every partition has to share. Collective."""
+    """Sums over the points, which must be the same on every partition. Collective."""
     numbers = Numbers()
     comm, total = contact.comm, contact.slave.area + contact.master.area
     nodes = comm.allreduce(len(contact.slave.node_x) + len(contact.master.node_x))
@@ -116,9 +116,10 @@ def center_of(scene, number):
 
 
 def paired_nodes(contact):
-    """What nodal quadrature has found: surfaces, which nodes of the first, and where on the other.
+    """Results of nodal quadrature: surfaces, paired nodes of the first, and their points.
 
-    Each pass pairs the nodes of its slave; quasi-symmetric contact those of the master as well.
+    Each integration side pairs the nodes of its slave; quasi-symmetric contact also pairs the nodes
+    of the master.
     """
     for p, pass_ in zip(contact.model.pairings, contact.model.gaps, strict=True):
         sides = (p.slave, pass_.slave), (p.master, pass_.master)
@@ -132,7 +133,7 @@ def paired_nodes(contact):
 
 
 def overlay_faults(contact, scene):
-    """Nothing lies between the two points of a pair; the area is not counted twice. Collective."""
+    """Faults if a facet lies between two paired points, or an area counts twice. Collective."""
     out = []
     surfaces = contact.slave, contact.master
     facets = [all_facets(s) for s in surfaces]
@@ -150,8 +151,8 @@ def overlay_faults(contact, scene):
         clear = reach > 1e-6 * scene.size
         if warped or contact.settings.normals != "facet" or not np.any(clear):
             continue
-        # Along the line that joins them, the facet that was found is the first that faces it.
-        if share[1] == 0:  # all points belong to facets of the slave that were cut
+        # Along the line between the points, the facet that was found is the first that faces it.
+        if share[1] == 0:  # all points are in slave segments
             hits = first_hits(p.slave.x, p.normal, facets[1 - number], normals[1 - number])
             behind = clear & (reach - hits > 1e-7 * scene.size)
             if np.any(behind):

@@ -1,15 +1,16 @@
-"""Random small scenes through pairing and assembly, and through a full solve.
+"""Random small scenes through contact detection and assembly, and through a full solve.
 
-Two random convex bodies with random meshes, or boxes face to face, in a random pose and partition,
-under a random formulation, quadrature and law; everything follows from the seed. For each scene:
+Two random convex bodies with random meshes, or boxes face to face, have a random pose and
+partition, and a random formulation, quadrature and law. The seed determines everything. Checks of
+each scene:
 
-- pairing against brute force over all facets; on the overlay nothing lies between two points, and
-  no area counts twice;
-- balance of forces, and of moments up to what points that do not face each other exactly must
-  leave; blocks that are symmetric, positive semi-definite and the residual's derivative;
-- on several ranks: the same sums as on one. The digest printed at the end is the same, too.
+- contact pairs against brute force over all facets; on the overlay nothing lies between two
+  paired points, and no area counts twice;
+- balance of forces; balance of moments, up to the part of points that do not face each other
+  exactly; symmetric, positive semi-definite blocks that are the residual's derivative;
+- on several ranks: the same sums as on one rank. The digest printed at the end is the same, too.
 
-Solves (--solves) have elastic bodies; there each either ends in equilibrium or says why not.
+Solves (--solves) have elastic bodies; each ends in equilibrium or with a reason.
 
     python3 tests/fuzz/run.py --scenes 1000 --solves 100
     mpirun -n 3 python3 tests/fuzz/run.py --scenes 1000 --solves 100 --first 5000
@@ -33,21 +34,21 @@ import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 
-#: Sums that come in another order differ by rounding alone.
+#: Sums in another order differ by rounding alone.
 SAME = 1e-9
 
 
 def run(check, seed, indices, report):
-    """Check scenes on all ranks, and on one rank each to compare with. Collective.
+    """Check scenes on all ranks, and on one rank for comparison. Collective.
 
     Args:
         check: Function of a communicator and a scene that returns its numbers and faults.
-        seed: Of the scenes.
-        indices: Their numbers.
+        seed: Seed of the scenes.
+        indices: Numbers of the scenes.
         report: Called on rank 0 with a line for each scene that has faults.
 
     Returns:
-        The number of scenes with faults, of those that were refused, and the digest: a sum over
+        The number of scenes with faults, the number of refused scenes, and the digest: a sum over
         all scenes.
     """
     indices = list(indices)
@@ -78,10 +79,10 @@ def run(check, seed, indices, report):
 
 
 def attempt(check, comm, scene):
-    """Numbers and faults; an exception is a fault."""
+    """Numbers and faults of a check; an exception is a fault."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", qs.ContactWarning)  # scenes are odd on purpose
+            warnings.simplefilter("ignore", qs.ContactWarning)  # scenes are unusual on purpose
             return check(comm, scene)
     except Exception as error:
         return None, [f"{type(error).__name__}: {str(error)[:300]}"]

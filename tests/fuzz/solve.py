@@ -1,4 +1,4 @@
-"""Random scenes of ``run.py`` as elastic bodies: they reach equilibrium, or say why not."""
+"""Random scenes of ``run.py`` as elastic bodies: they reach equilibrium, or give a reason."""
 
 from mpi4py import MPI
 
@@ -12,23 +12,23 @@ from dolfinx import fem, la
 import qsdolfinx as qs
 from qsdolfinx.contact import terms
 
-#: Largest force that may be left at a free unknown, over the sum of all contact forces.
+#: Largest residual allowed at a free unknown, over the sum of all contact forces.
 RESIDUAL = 1e-6
 
-#: Forces that count as none, as a part of the stiffer modulus times the displacement.
+#: Forces that count as zero, relative to the stiffer modulus times the displacement.
 ROUNDING = 1e-4
 
-#: What may be said instead of a solution; anything else is a fault.
+#: Allowed errors instead of a solution; any other error is a fault.
 REFUSALS = ("SNES did not converge", 'penalty: "auto" needs')
 
 
 class Body:
-    """An elastic body, held or moved where it is furthest from the other."""
+    """An elastic body, clamped or displaced at the side furthest from the other body."""
 
     def __init__(self, surface, x, toward, shift, E, nu):
         self.V = V = surface.V
         self.u, v = fem.Function(V), ufl.TestFunction(V)
-        # Constants: the forms of all scenes of a kind are then the same, and compiled once.
+        # Constants, so that forms of all scenes of a kind are the same and compiled only once.
         material = (fem.Constant(V.mesh, float(value)) for value in (E, nu))
         stress = qs.materials.linear_elastic(self.u, *material)
         self.F = ufl.inner(stress, ufl.grad(v)) * ufl.dx
@@ -41,14 +41,14 @@ class Body:
             self.held[dofs * V.dofmap.bs + i] = True
 
     def internal_forces(self):
-        """∂F/∂v at the owned unknowns. Collective."""
+        """Internal forces ∂F/∂v at the owned unknowns. Collective."""
         b = fem.assemble_vector(fem.form(self.F))
         b.scatter_reverse(la.InsertMode.add)
         return b.array[: self.V.dofmap.index_map.size_local * self.V.dofmap.bs]
 
 
 def choices(scene):
-    """Materials and options of the solve, from the scene's number."""
+    """Materials and options of the solve, determined by the scene's number."""
     rng = np.random.default_rng([scene.index, 77])
     E = scene.modulus * np.array([1.0, 10.0 ** rng.choice([-4, -1, 0, 0, 1, 4])])
     nu = rng.choice([0.0, 0.3, 0.45, 0.499], 2)
@@ -68,7 +68,7 @@ def check_solve(comm, scene):
     """Press the bodies of a scene together. Collective.
 
     Returns:
-        Its numbers, and what is wrong on this rank (a list of sentences).
+        Its numbers, and the faults on this rank (a list of sentences).
     """
     E, nu, options, depth = choices(scene)
     surfaces = make_surfaces(comm, scene)
@@ -97,7 +97,7 @@ def check_solve(comm, scene):
     else:
         numbers.add("refused", 0.0, 1.0)
         stiffness = E.max() * abs(depth) * scene.size ** (scene.gdim - 2)
-        # SNES stops by the first residual, which may be much larger than the forces that are left.
+        # SNES stops relative to the first residual, which may be much larger than the final forces.
         least = max(ROUNDING * stiffness, 0.01 * problem.residual_history[0])
         faults += equilibrium(contact, bodies, scene, numbers, least)
     problem.destroy()
@@ -105,9 +105,9 @@ def check_solve(comm, scene):
 
 
 def equilibrium(contact, bodies, scene, numbers, least):
-    """Residuals of both bodies by assembling them here, balance and signs. Collective.
+    """Check residuals of both bodies, assembled here, and balance and signs. Collective.
 
-    Forces below the least are rounding, or less than Newton's method was asked for.
+    Forces below the minimum are rounding, or below the tolerance of Newton's method.
     """
     comm, out = contact.comm, []
     vecs = contact.slave.create_vec(), contact.master.create_vec()

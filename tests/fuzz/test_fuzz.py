@@ -1,4 +1,4 @@
-"""Some of the random scenes of ``run.py``, and that its checks can fail."""
+"""Some of the random scenes of ``run.py``, and a test that its checks can fail."""
 
 import dataclasses
 
@@ -13,9 +13,9 @@ from fuzz.run import run
 from fuzz.solve import check_solve
 from scenes import all_facets
 
-#: Scenes of seed 1 that have failed once: warped quadrilaterals that fold in projection, or nearly,
-#: facets in part in front of others that are seen from the side, nodes that just touch, vertices
-#: of pieces that coincide.
+#: Scenes of seed 1 that have failed once: warped quadrilaterals that fold in projection, or nearly;
+#: facets partly in front of others that are seen from the side; nodes that just touch; coincident
+#: vertices of segments.
 FOLDED = (6, 64, 113, 476, 672, 987, 1433, 2295, 3259, 3712, 7599, 8469)
 
 
@@ -36,7 +36,7 @@ def test_scenes(check, scenes):
 
 
 def test_brute_force_finds_faults():
-    """Points that are moved a little, taken away or made up do not pass for the closest."""
+    """Points that are moved a little, removed or invented are not accepted as closest points."""
     counts = np.zeros(3, dtype=int)
     for index in range(12):
         scene = random_scene(3, index)

@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
 
 
 def write(filename, **more):
-    """A mesh that moves by t (y, 0), with u = t x and its divergence."""
+    """Write fields on a mesh that moves by t (y, 0): u = t x and its divergence."""
     msh = box(WORLD, (3, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
     x0 = msh.geometry.x.copy()
     u = fem.Function(vector_space(msh), name="other")
@@ -56,7 +56,7 @@ def dataset(filename, name):
 
 
 def stored(filename, name):
-    """Values of a dataset as the file has them, on every rank."""
+    """Values of a dataset in the order of the file, on every rank."""
     viewer = PETSc.ViewerHDF5().create(str(filename), "r", comm=WORLD)
     group, _, last = name.rpartition("/")
     viewer.pushGroup(group)
@@ -73,7 +73,7 @@ def test_xdmf(folder):
     assert grids(folder / "fields.xdmf") == {k: list(TIMES) for k in ("displacement", "u", "div")}
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 3)))
     for t, name in zip(TIMES, ("0_5", "1_25"), strict=True):
-        # The second field was interpolated when the mesh had the first time's shape, or none.
+        # The second field was interpolated on the mesh at the first time, or undeformed.
         div = dataset(folder / "fields.h5", f"/Function/div/{name}")
         assert len(div) == 12 and np.all(np.isfinite(div))
         moved = dataset(folder / "fields.h5", f"/Function/displacement/{name}")
@@ -86,7 +86,7 @@ def test_xdmf(folder):
 
 
 def test_own_displacement(folder):
-    """That of a body in displacements takes the place of the mesh's."""
+    """The displacement of a displacement-based body replaces that of the mesh."""
     msh = box(WORLD, (2, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
     u = fem.Function(vector_space(msh))
     u.interpolate(lambda x: 2 + x[:2])
@@ -118,7 +118,7 @@ def read(filename):
 
 
 def test_history(folder, capsys):
-    """All numbers exactly; lines after a checkpoint are written anew."""
+    """Numbers are written exactly; after a restart, lines after the checkpoint are replaced."""
     case = Upset()
     history = qs.History(WORLD, folder / "run.csv", t_end=0.1)
     rows = []
@@ -170,7 +170,7 @@ def test_progress_bar_is_optional(with_tqdm, monkeypatch, capsys):
 
 
 def pieces(filename):
-    """Of each time of a .pvd file: time, and numbers of points and cells of all ranks."""
+    """For each time of a .pvd file: time, and numbers of points and cells over all ranks."""
     out = []
     for entry in xml.etree.ElementTree.parse(filename).iter("DataSet"):
         top = xml.etree.ElementTree.parse(filename.with_name(entry.get("file")))
@@ -189,7 +189,7 @@ def pieces(filename):
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_vtk_of_changing_meshes(folder, degree):
-    """A .pvd file has the mesh of each time, another one after change_mesh."""
+    """A .pvd file has the mesh at each time, which may change with change_mesh."""
     filename = folder / "out.pvd"
     meshes = [box(WORLD, n, "triangle", [0.0, 0.0], [1.0, 1.0]) for n in ((3, 2), (4, 5))]
     fields = []
@@ -212,7 +212,7 @@ def test_vtk_of_changing_meshes(folder, degree):
     WORLD.barrier()
     found = pieces(filename)
     assert [t for t, _, _ in found] == [0.5, 1.0, 1.5]
-    if WORLD.size == 1:  # cells of ghosts are written, too
+    if WORLD.size == 1:  # ghost cells are written, too
         assert [cells for _, cells, _ in found] == [12, 12, 40]
     for t, _, arrays in found:
         np.testing.assert_allclose(arrays["T"], 3.0)
@@ -229,7 +229,7 @@ def test_only_vtk_changes_meshes(folder):
 
 
 def test_degree_two(folder):
-    """A function of degree 2 is written at the vertices, one without continuity in the cells."""
+    """Functions of degree 2 are written at vertices, discontinuous ones in cells."""
     msh = box(WORLD, (3, 2), "triangle", [0.0, 0.0], [1.0, 1.0])
     u = fem.Function(fem.functionspace(msh, ("Lagrange", 2)))
     v = fem.Function(fem.functionspace(msh, ("DG", 2)))
@@ -246,7 +246,10 @@ def test_degree_two(folder):
 
 
 def test_before_the_first_solve(folder):
-    """Tractions are zero, and nodes open or unpaired: no penalty is known yet."""
+    """Before the first solve tractions are zero, and nodes are open or unpaired.
+
+    The penalty is not known yet.
+    """
     upset = Upset()
     contact = qs.Contact(upset.upper, upset.tool)
     fields = contact.field_sources("slave")

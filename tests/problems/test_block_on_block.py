@@ -1,4 +1,4 @@
-"""A block dragged over another: the demo's checks of itself, and what its table must show."""
+"""A block dragged over another: the demo's own checks, and what its table must show."""
 
 import json
 import sys
@@ -30,7 +30,7 @@ def column(table, name):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_full_slip(formulation, quadrature):
-    """T = μ N; the work of the drag at steady slip is what friction takes; forces balance."""
+    """T = μ N; at steady slip the drag's work equals the friction dissipation; forces balance."""
     result, table = run(Parameters(formulation=formulation, quadrature=quadrature, push=4e-3))
     assert list(result) == KEYS
     assert result["friction_force_error"] < 1e-6
@@ -42,7 +42,7 @@ def test_full_slip(formulation, quadrature):
 
 
 def test_states():
-    """More sticking than slipping at first, then both, then slip; T grows and stays below μ N."""
+    """Nodes mostly stick at first, then in part, then slip; T grows and stays below μ N."""
     _, table = run(Parameters(enforcement="penalty"))
     ratio, stick, energy = (column(table, name) for name in ("ratio", "stick", "energy"))
     assert abs(ratio[0]) < 1e-10
@@ -50,14 +50,14 @@ def test_states():
     assert np.all(np.diff(ratio) > -1e-9) and ratio.max() < 1 + 1e-9
     assert np.all(np.diff(energy) >= 0)
     assert np.allclose(np.diff(energy, prepend=0), column(table, "step_energy"), atol=1e-15)
-    # While most of it sticks, friction takes little of the drag's work.
+    # While most nodes stick, friction dissipates little of the drag's work.
     shift, force = column(table, "shift")[:4], ratio[:4] * 0.3 * LOAD
     work = np.sum(np.diff(shift) * (force[1:] + force[:-1]) / 2)
     assert 0 < energy[3] - energy[0] < 0.2 * work
 
 
 def test_sticking_alone():
-    """With a large μ nothing slips, and friction takes nothing."""
+    """With a large μ nothing slips, and friction dissipates nothing."""
     upper, contact, problem = build(WORLD, Parameters(mu=50.0))
     for shift in (0.0, 0.002, 0.004):
         upper.shift.value = shift
@@ -68,7 +68,10 @@ def test_sticking_alone():
 
 
 def test_augmented_lagrangian():
-    """Friction at full slip, and where it sticks that of a stiff penalty (100 at nodes)."""
+    """Friction is right at full slip; while sticking it is that of a stiff penalty.
+
+    The penalty is 100, at nodes.
+    """
     result, table = run(Parameters(push=1.2e-2))
     _, other = run(Parameters(push=1.2e-2, quadrature="nodal", enforcement="penalty"))
     assert result["friction_force_error"] < 1e-6
@@ -89,7 +92,7 @@ def test_ranks_do_not_matter(partition, monkeypatch):
 
 
 def test_command(monkeypatch, tmp_path, capsys):
-    """--json writes the keys, and --plot a picture."""
+    """--json writes the keys, and --plot writes a picture."""
     names = [WORLD.bcast(str(tmp_path / name)) for name in ("block.json", "block.png")]
     arguments = ["block_on_block.py", "--push", "1.2e-2", "--json", names[0], "--plot", names[1]]
     monkeypatch.setattr(sys, "argv", arguments)

@@ -1,4 +1,4 @@
-"""Partial slip of two cylinders against the closed form, and what the demo says of itself."""
+"""Partial slip of two cylinders against the closed form, and the demo's own results."""
 
 import dataclasses
 import json
@@ -21,13 +21,13 @@ STICK = "stick radius error, facets"
 
 
 def solve(comm=WORLD, **parameters):
-    """What the terminal shows and what --json has."""
+    """Results that the terminal shows, with those of --json."""
     result, more, _ = run(dataclasses.replace(Parameters(), **parameters), comm)
     return result | more
 
 
 def test_closed_form():
-    """The numbers of the literature; tractions carry the loads and obey Coulomb's law."""
+    """The closed form has the published numbers; tractions carry loads and obey Coulomb's law."""
     exact = CattaneoMindlin(MU, SHEAR)
     expected = [0.680778, 9.35135, 0.496511, 0.506229, 1.279571]
     values = [exact.a, exact.p0, exact.c, exact.tangential(0.0), exact.tangential(exact.c)]
@@ -44,7 +44,7 @@ def test_closed_form():
 @pytest.mark.parametrize("swap", (False, True))
 @pytest.mark.parametrize("ratio", (1.3, 0.6, 2.0))
 def test_overlay(ratio, swap):
-    """Both tractions on both sides, whichever body is the slave; loads arrive, nothing tips."""
+    """Tractions are right on both sides, with either body as slave; loads arrive without tilt."""
     result = solve(h=0.05, ratio=ratio, swap=swap)
     assert abs(result["peak_error"]) < 0.01
     assert result["l2_error_normal"] < 0.03 * max(1, ratio)
@@ -58,7 +58,7 @@ def test_overlay(ratio, swap):
 
 
 def test_convergence():
-    """Of first order in both tractions on both sides; the stick zone is within a facet."""
+    """Both tractions converge with first order on both sides; the stick zone is within a facet."""
     h = (0.1, 0.05, 0.025)
     results = [solve(h=size) for size in h]
     for side in SIDES:
@@ -71,7 +71,10 @@ def test_convergence():
 
 
 def test_finer_master():
-    """At nodes a finer master gets its load in spikes, of half the size if quasi-symmetric."""
+    """With nodal quadrature the load of a finer master is uneven.
+
+    Quasi-symmetric contact halves the peaks.
+    """
     options = {"h": 0.08, "ratio": 0.5}
     one_sided = solve(**options, **NODAL, formulation="master-slave")
     nodal, overlay = solve(**options, **NODAL), solve(**options)
@@ -82,7 +85,7 @@ def test_finer_master():
 
 
 def test_rigid_stick():
-    """An augmented Lagrangian is the limit of large ε, and no better than the default."""
+    """An augmented Lagrangian is the limit of a large ε, and no better than the default."""
     h = 0.05
     nodes = {"h": h, "constraints": "nodes"}
     elastic, stiff = solve(**nodes), solve(**nodes, penalty=1e4 * 200 / h)
@@ -94,7 +97,10 @@ def test_rigid_stick():
 
 
 def test_tilting():
-    """The loads arrive, but the moment of Q moves the pressure by Q R / P, and the stick zone."""
+    """If bodies may tilt, loads are right, but the moment of Q moves pressure and stick zone.
+
+    The shift of the pressure is Q R / P.
+    """
     result = solve(h=0.064, tilting=True)
     for side in SIDES:
         assert abs(result[f"P error, {side}"]) < 1e-6
@@ -105,7 +111,7 @@ def test_tilting():
 
 
 def test_normals():
-    """Pressing along the tilted normals of facets makes friction where there should be none."""
+    """Pressing along the tilted facet normals produces friction where there should be none."""
     shear = {}
     for normals in ("facet", "bisector"):
         options = {"h": 0.08, "normals": normals, "formulation": "master-slave", **NODAL}
@@ -117,7 +123,7 @@ def test_normals():
 
 
 def test_steps():
-    """Q in one step or in four: the same, as slip goes one way."""
+    """Q in one step gives the same result as in four, as the slip has one direction."""
     one, four = solve(h=0.08), solve(h=0.08, steps=4)
     for key in demo.KEYS:
         assert abs(one[key] - four[key]) < 1e-6
@@ -135,7 +141,7 @@ def test_ranks_do_not_matter(options):
 
 
 def test_json(monkeypatch):
-    """The file has its keys and no more."""
+    """The file has only its documented keys."""
     folder = WORLD.bcast(tempfile.mkdtemp() if WORLD.rank == 0 else None)
     file = pathlib.Path(folder) / "result.json"
     monkeypatch.setattr(sys, "argv", ["demo", "--h", "0.1", "--json", str(file)])

@@ -27,7 +27,7 @@ KEYS = [
 ]
 
 
-#: A mesh of some hundred cells, through a new one at each step.
+#: A coarse mesh of some hundred cells, remeshed at each step.
 COARSE = Parameters(size=4.5, tool_size=3.0, advance=1.5, every=1, thinning=0.05, stroke=5.0)
 
 
@@ -45,7 +45,7 @@ def test_what_it_reports():
     assert result["max_penetration"] < 0.1 * result["facet_size"]
     assert 0.34 < result["filled"] < 0.5
     assert abs(result["energy_error"]) < 0.05
-    # The billet has cooled where it touches and nowhere is hotter than plastic work makes it.
+    # The billet has cooled at the contact, and is nowhere hotter than plastic work makes it.
     low, high = (
         WORLD.allreduce(f(scene.temperature.x.array), op=op)
         for f, op in ((np.min, MPI.MIN), (np.max, MPI.MAX))
@@ -57,7 +57,10 @@ def test_what_it_reports():
 
 @pytest.mark.long
 def test_curves(tmp_path):
-    """A curve read again is the same; one that is 3 % higher, 3 % apart; no curve, refused."""
+    """A curve read again is the same; one that is 3 % higher is 3 % apart.
+
+    A file without a curve is refused.
+    """
     curve = forged()[-1]
     if WORLD.rank == 0:
         write_curve(tmp_path / "curve.csv", curve)
@@ -70,7 +73,7 @@ def test_curves(tmp_path):
 
 
 def test_cavity():
-    """Its volume by Pappus' rings of the profile, and dies that do not meet."""
+    """The volume of the cavity is that of Pappus' rings of the profile; dies do not touch."""
     total = 0.0
     for die in DIES:
         r, z = profile(die, 400).T
@@ -84,7 +87,7 @@ def test_cavity():
 @pytest.mark.long
 @pytest.mark.several_ranks
 def test_ranks():
-    """The same on one rank, through the new meshes."""
+    """With remeshing, results are the same on one rank."""
     alone = run(COARSE, WORLD.Split(WORLD.rank))[0]
     together = forged()[0]
     for key in KEYS[:-1]:

@@ -34,7 +34,7 @@ SMALL = Parameters(cells=3, steps=48)
 
 
 def pushed(friction=0.0, **options):
-    """See :func:`run`."""
+    """Call :func:`run`."""
     return run(friction=friction, **options)
 
 
@@ -51,7 +51,7 @@ def run(**options):
 
 
 def test_past_each_other():
-    """They touch within the stroke only, balance, and give back all the work."""
+    """The beams touch within the stroke only, balance, and return all the work."""
     rows, _ = pushed()
     touching = np.array([row.touching for row in rows]) > 0
     assert not touching[[0, 1, -2, -1]].any() and touching[4:-4].all()
@@ -64,7 +64,7 @@ def test_past_each_other():
 
 
 def test_mirror_image():
-    """What comes before the middle is the mirror image of what comes after it."""
+    """Results before the middle are the mirror image of the results after it."""
     rows, energies = pushed()
     assert symmetry_error(rows) < 1e-6
     np.testing.assert_allclose(energies, energies[::-1], atol=1e-6 * energies.max())
@@ -74,14 +74,14 @@ def test_mirror_image():
 
 @pytest.mark.parametrize("friction", (0.0, pytest.param(0.3, marks=pytest.mark.long)))
 def test_point_reflection(friction):
-    """Either beam is the point reflection of the other, with friction as well."""
+    """Each beam is the point reflection of the other, also with friction."""
     _, energies = pushed(friction=friction)
     np.testing.assert_allclose(*energies.T, atol=5e-3 * energies.max())
 
 
 @pytest.mark.long
 def test_meshes():
-    """The finer mesh has nearly the same curves, and smaller kinks."""
+    """A finer mesh has nearly the same curves, and smaller kinks."""
     (rows, _), (finer, _) = pushed(), pushed(cells=6)
     assert force_change(rows, finer) < 0.04
     assert kink(finer) < kink(rows) < 2e-3
@@ -89,7 +89,7 @@ def test_meshes():
 
 @pytest.mark.long
 def test_friction():
-    """It takes energy at any time, and all the work in the end."""
+    """Friction dissipates energy at any time, and all the work at the end."""
     (rows, _), (smooth, _) = pushed(friction=0.3), pushed()
     taken = np.array([row.dissipated for row in rows])
     assert np.all(np.diff(taken) > -1e-9 * taken[-1]) and taken[-1] > smooth[len(rows) // 2].elastic

@@ -1,4 +1,4 @@
-"""What the demos refuse before they start to compute."""
+"""Arguments that the demos refuse before they start to compute."""
 
 import importlib
 import sys
@@ -25,7 +25,7 @@ DEMOS = (
 
 
 def refused(monkeypatch, capsys, name, *arguments):
-    """What a demo says that does not accept its arguments."""
+    """Error message of a demo that refuses its arguments."""
     demo = importlib.import_module(name)
 
     def run(*args, **kwargs):
@@ -41,7 +41,7 @@ def refused(monkeypatch, capsys, name, *arguments):
 
 @pytest.mark.parametrize("name", DEMOS)
 def test_missing_folder(monkeypatch, capsys, tmp_path, name):
-    """It would be a pity to find that out after hours."""
+    """A missing folder is an error at once, not after hours of computing."""
     missing = str(tmp_path / "none" / "result.json")
     assert "--json: there is no folder" in refused(monkeypatch, capsys, name, "--json", missing)
     assert "or" in refused(monkeypatch, capsys, name, "--json", str(tmp_path))
@@ -54,7 +54,7 @@ def test_ring_table_has_its_own_friction(monkeypatch, capsys):
 
 
 def test_ironing_writes_output_beside_the_picture(monkeypatch, tmp_path):
-    """--plot alone draws three runs of its own; --output asks for one more."""
+    """--plot alone draws three runs of its own; --output causes one more run."""
     import ironing
 
     drawn, ran = [], []

@@ -1,4 +1,4 @@
-"""Machine parts: each script's own checks, and its picture, at the smallest size."""
+"""Demos of machine parts at the smallest size: each script's own checks, and its picture."""
 
 import functools
 import importlib
@@ -15,7 +15,7 @@ import qsdolfinx as qs
 pytest.importorskip("gmsh")
 pytest.importorskip("matplotlib")
 
-#: Arguments with which each ends within some seconds.
+#: Arguments with which each script ends within some seconds.
 SMALL = {
     "oring": ["--facet", "0.3"],
     "press_fit": ["--cells", "12"],
@@ -39,21 +39,24 @@ def done(name):
 
 @pytest.mark.parametrize("name", SMALL)
 def test_limits(name):
-    """Closed forms, balances and published numbers."""
+    """Results keep the limits: closed forms, balances and published numbers."""
     limits, result, size = done(name)
     assert limits and {key for key in limits if not abs(result[key]) <= limits[key]} == set()
     assert 10e3 < size < 150e3
 
 
 def test_linear_displacements_lock():
-    """Those of degree 1 are far too stiff; those of degree 2 are as with a pressure of its own."""
+    """Displacements of degree 1 are far too stiff; degree 2 agrees with the mixed formulation."""
     _, result, _ = done("oring")
     assert result["force_error_p1"] > 0.15
     assert abs(result["force_error_p2"] - result["force_error_mixed"]) < 5e-3
 
 
 def test_a_guess_that_changes_volumes(monkeypatch):
-    """Its first step leads nowhere: steps are solved from where they begin; none is cut back."""
+    """If the prediction changes volumes, steps are solved from their start, and none is cut back.
+
+    The first Newton step from the prediction does not lead to the solution.
+    """
     script, step, steppers = importlib.import_module("oring"), qs.TimeStepper.step, []
 
     def stepped(stepper, *args, **kwargs):
@@ -66,13 +69,16 @@ def test_a_guess_that_changes_volumes(monkeypatch):
 
 
 def test_pulling_takes_from_the_pressure():
-    """The force is that of a constant pressure, less what the closed form says."""
+    """The force is smaller than that of a constant pressure: pulling reduces the pressure.
+
+    The closed form gives the difference.
+    """
     _, result, _ = done("press_fit")
     assert result["force"] < 0.975 * result["simple_force"]
 
 
 def test_facets_fill_a_small_clearance():
-    """Chords of a third of the clearance spoil the pressure, curved facets do not."""
+    """Chords with a height of a third of the clearance spoil the pressure, curved facets do not."""
     _, result, _ = done("ball_in_socket")
     assert abs(result["coarse_peak_error_facets"]) > 0.3
     assert abs(result["peak_error_facets"]) > 3 * abs(result["peak_error_curvature"])

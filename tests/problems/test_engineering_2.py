@@ -1,4 +1,4 @@
-"""Scripts of demos/engineering at their smallest: each keeps the limits that it prints."""
+"""Scripts of demos/engineering at the smallest size: each keeps the limits that it prints."""
 
 import json
 
@@ -17,7 +17,7 @@ import qsdolfinx as qs
 
 
 def check_picture(tmp_path, draw, *what):
-    """A picture can be drawn, of a legible size, if matplotlib is there. Collective."""
+    """Check that a legible picture can be drawn, if matplotlib is installed. Collective."""
     pytest.importorskip("matplotlib")
     filename = WORLD.bcast(tmp_path / "picture.png")
     draw(filename, *what)
@@ -31,7 +31,7 @@ def check_picture(tmp_path, draw, *what):
 
 @pytest.mark.long
 def test_roller_on_rubber(tmp_path):
-    """It comes as far as rubber passes its rim, and less far than the rim is long."""
+    """The roller travels by the length of rubber that passes its rim, and by less than its rim."""
     result, rows, scene = roller_on_rubber.run(roller_on_rubber.Parameters(4.0, 48.0), WORLD)
     check(result, roller_on_rubber.LIMITS)
     assert 1.05 < result["stretch"] < 1.2
@@ -43,7 +43,7 @@ def test_roller_on_rubber(tmp_path):
 
 @pytest.mark.long
 def test_bracket(tmp_path):
-    """Tied or in one mesh it has the same stress; the tied one has fewer unknowns."""
+    """A tied bracket has the same stress as one in one mesh, with fewer unknowns."""
     result, *bodies = bracket.run(bracket.Parameters(2.0, 5.0), WORLD)
     check(result, bracket.LIMITS)
     assert result["dofs"] < 0.8 * result["dofs_matching"]
@@ -52,7 +52,7 @@ def test_bracket(tmp_path):
 
 
 def test_stl_forging(tmp_path):
-    """Volume, forces and energies balance; the billet goes up into the pocket."""
+    """Volume, forces and energies balance; the billet flows up into the pocket."""
     picture = stl_forging.Picture()
     result, rows = stl_forging.run(stl_forging.Parameters(3.0, 12, 2 / 3), WORLD, picture)
     check(result, stl_forging.LIMITS)
@@ -61,7 +61,7 @@ def test_stl_forging(tmp_path):
 
 
 def test_stl_file(tmp_path):
-    """The die that is read is where the profile says, and faces the billet."""
+    """The die that is read has the shape of the profile, and faces the billet."""
     filename = WORLD.bcast(tmp_path / "die.stl")
     if WORLD.rank == 0:
         write_stl(filename, rings=10, sectors=7)
@@ -73,14 +73,14 @@ def test_stl_file(tmp_path):
     np.testing.assert_allclose(x[..., 2], HEIGHT + profile(r), atol=1e-5)
     normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     assert np.all(normal[:, 2] < 0)
-    # Nine fans of rings over six sectors; a ring at the axis has one triangle a sector.
+    # Nine fans of rings over six sectors; a ring at the axis has one triangle per sector.
     assert len(x) == 6 * (2 * 9 - 1)
     edges = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     np.testing.assert_allclose(die.facet_size_range, (edges.min(), edges.max()), rtol=1e-5)
 
 
 def test_three_bodies(tmp_path):
-    """Bars in series, Coulomb's law, balance; the run that went on is the same one."""
+    """Bars act in series, Coulomb's law holds, forces balance; a restart continues the same run."""
     picture = three_bodies.Picture()
     result, rows, again = three_bodies.run(three_bodies.Parameters(3, 2), WORLD, picture)
     check(result, three_bodies.LIMITS)
@@ -90,23 +90,24 @@ def test_three_bodies(tmp_path):
 
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 def test_pad_that_friction_alone_holds(monkeypatch, sliding):
-    """The plate is drawn by a quarter of the pad's height in one step, which sticks at first.
+    """A step that draws the plate by a quarter of the pad's height converges to slip.
 
-    Newton's step then lets it slip on both sides: as long as forces do work, not for thousands of
-    millimetres, or off the pier.
+    The pad, which friction alone holds, sticks at first. Newton's step then lets it slip on both
+    sides: it is limited to the range in which forces do work, and does not move by thousands of
+    millimetres or off the pier.
     """
     make = qs.Contact
     monkeypatch.setattr(qs, "Contact", lambda *a, **k: make(*a, sliding=sliding, **k))
     _, contacts, stepper = three_bodies.build(WORLD, three_bodies.Parameters(3, 2))
     for _ in range(3):
         stepper.step()
-    assert stepper.num_cutbacks == 0 and stepper.num_iterations <= 15  # 41, and lost
+    assert stepper.num_cutbacks == 0 and stepper.num_iterations <= 15  # 41, and lost before
     force = contacts["plate"].force("slave")
     np.testing.assert_allclose(force[0] / -force[2], three_bodies.MU["plate"], rtol=1e-4)
 
 
 def test_three_bodies_restarted(tmp_path, monkeypatch, capsys):
-    """As from the command line: files for ParaView, and a second program that goes on."""
+    """From the command line, files for ParaView are written, and a second program continues."""
     folder = WORLD.bcast(tmp_path)
     words = ["three_bodies", "--cells", "2", "--steps", "1", "--output", str(folder / "run")]
     json_file = folder / "result.json"
@@ -128,7 +129,7 @@ def test_roller_needs_an_angle():
 
 @pytest.mark.parametrize("name", ("bracket", "roller_on_rubber", "stl_forging", "three_bodies"))
 def test_size(name):
-    """Each script is read at a glance, and has a page and a small picture."""
+    """Each script is short, and has a page and a small picture."""
     script = pages.ROOT / f"demos/engineering/{name}.py"
     assert script.read_text(encoding="utf-8").count("\n") <= 120
     page = (pages.ROOT / f"docs/howto/{name}.md").read_text(encoding="utf-8")

@@ -29,7 +29,7 @@ def folded(**options):
 
 
 def test_flat():
-    """The ends of the legs touch, and at the end about half of the legs; energies balance."""
+    """The ends of the legs touch first, at the end about half of the legs; energies balance."""
     rows = folded()
     assert rows[-1].stroke == pytest.approx(OPEN - FLAT)
     touching = [row.touching for row in rows if row.stroke < OPEN - CLOSED]
@@ -41,16 +41,16 @@ def test_flat():
 
 
 def test_pressed_legs():
-    """Each further stroke strains the legs, where they touch, as it would a flat specimen."""
+    """Further stroke compresses the legs, where they touch, like a flat specimen."""
     a, b = folded()[-3], folded()[-1]
-    modulus = 1 / (1 - 0.3**2)  # free along the legs, in plane strain
+    modulus = 1 / (1 - 0.3**2)  # free along the legs; plane strain
     stiffness = (b.force - a.force) / (b.stroke - a.stroke)
     assert stiffness == pytest.approx(modulus * (a.touching + b.touching) / 2, rel=0.15)
 
 
 @pytest.mark.long
 def test_inside():
-    """What is named besides that does not touch makes no difference."""
+    """Additional facets in the surfaces that do not touch make no difference."""
     both = [[row.force for row in folded(touching=name)] for name in ("boundary", "inside")]
     np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-8)
 
@@ -65,7 +65,7 @@ def test_friction():
 
 @pytest.mark.long
 def test_friction_of_legs_of_two_lengths():
-    """They do slip."""
+    """Legs of two lengths slip on each other."""
     rows = folded(friction=0.2, longer=1.0)
     assert rows[-1].dissipated > 1e-5 * rows[-1].elastic and energy_error(rows) < 1e-2
 

@@ -30,13 +30,13 @@ KEYS = (
 )
 
 
-#: The demo's own size of cells.
+#: Cell size of the demo itself.
 CELLS = forging.SIZES["coarse"]
 
 
 @pytest.fixture(autouse=True)
 def large_cells(monkeypatch):
-    """Larger cells than those of the demo, which these facts do not need."""
+    """Use larger cells than the demo; they are fine enough for these tests."""
     monkeypatch.setitem(forging.SIZES, "coarse", 3.5)
 
 
@@ -66,7 +66,7 @@ def test_every_formulation(formulation, quadrature):
 
 
 def test_traction_on_the_dies():
-    """Master-slave leaves die nodes without load, quasi-symmetric contact half of that."""
+    """Master-slave contact leaves die nodes unloaded; quasi-symmetric contact halves its error."""
     one_sided, nodal = (forge(f, "nodal") for f in ("master-slave", "quasi-symmetric"))
     overlay = forge()
     assert one_sided["unloaded_die_nodes"] > 0.1
@@ -84,8 +84,8 @@ def test_swap():
 
 @pytest.mark.long
 def test_enforcement(monkeypatch):
-    """The penalty costs little: the dies are where they should be to its compliance."""
-    monkeypatch.setitem(forging.SIZES, "coarse", CELLS)  # it is less than that of larger cells
+    """With a penalty the dies are in place up to its compliance; the force hardly changes."""
+    monkeypatch.setitem(forging.SIZES, "coarse", CELLS)  # smaller error than larger cells
     forces = [
         forge.__wrapped__(enforcement=e)["forming_force"]
         for e in ("penalty", "augmented-lagrangian")
@@ -130,7 +130,7 @@ def forge_with_friction(friction):
 
 @pytest.mark.parametrize("friction", LAWS)
 def test_friction(friction):
-    """Friction makes the force larger and the workpiece a barrel; energies add up."""
+    """Friction makes the force larger and the workpiece barrel-shaped; energies add up."""
     (free, before, straight, _), (result, rows, radii, least) = (
         forge_with_friction(f) for f in ("none", friction)
     )
@@ -141,18 +141,18 @@ def test_friction(friction):
     assert result["force_balance_error"] < 1e-8
     assert least >= 0
     assert [row["cutbacks"] for row in rows] == [0, 0]
-    # What is lacking is what the penalty stores while the dies close in.
+    # The missing energy is stored by the penalty while the dies close in.
     assert 0 < rows[-1]["energy_error"] < (0.05 if friction == "sticking" else 0.03)
     assert "friction" not in before[-1]
     taken = [row["friction"] for row in rows]
     if friction == "sticking":
-        assert abs(taken[1]) < 1e-4 * rows[1]["work"]  # it is three pressures at most
+        assert abs(taken[1]) < 1e-4 * rows[1]["work"]  # at most three pressures
     else:
         assert 0.01 * rows[1]["work"] < taken[0] + taken[1] and taken[0] < taken[1]
 
 
 def state_of_friction(contacts):
-    """Numbers that tell slip, τ and dissipation of two runs apart, on any partition. Collective."""
+    """Numbers to compare slip, τ and dissipation of two runs on any partition. Collective."""
     sums = []
     for contact in contacts if contacts[0].friction is not None else ():
         surface = contact.slave
@@ -169,7 +169,7 @@ def state_of_friction(contacts):
     [*(pytest.param(f, marks=pytest.mark.long) for f in ("none", "norton")), "coulomb-tresca"],
 )
 def test_restart(tmp_path, monkeypatch, friction):
-    """A run that was stopped and goes on has the same history, energies and slip included."""
+    """A run that is stopped and restarted has the same history, with energies and slip."""
     root = WORLD.bcast(tmp_path)
     p = dataclasses.replace(Parameters(), die_refinement=2.0, reduction=0.04, num_steps=2)
     p = dataclasses.replace(p, friction=friction, **LAWS.get(friction, {}))
@@ -193,7 +193,7 @@ def test_restart(tmp_path, monkeypatch, friction):
     assert len(rows) == len(expected) == 2
     for row, other in zip(rows, expected, strict=True):
         for key, value in other.items():
-            if "force" not in key or key.endswith("z"):  # the others are differences of large ones
+            if "force" not in key or key.endswith("z"):  # others: differences of large ones
                 assert np.isclose(row[key], value, rtol=1e-6, atol=1e-12), key
     assert np.isclose(resumed["forming_force"], whole["forming_force"], rtol=1e-8)
     np.testing.assert_allclose(states[0], states[1], rtol=1e-5)

@@ -1,4 +1,4 @@
-"""Hertz contact against the closed form, and what the demo says of itself."""
+"""Hertz contact against the closed form, and the demo's own results."""
 
 import dataclasses
 
@@ -30,7 +30,7 @@ def test_cylinder_on_block(ratio, enforcement):
 
 
 def test_cylinders_at_nodes():
-    """With the default constraints, in a few iterations."""
+    """The default constraints at nodes are accurate, in a few iterations."""
     result = hertz(case="cylinders", h=0.025)
     for side in SIDES:
         assert result[f"l2_error_{side}"] <= 0.01
@@ -39,7 +39,10 @@ def test_cylinders_at_nodes():
 
 
 def test_cylinders():
-    """As good as the best mortar codes on these meshes, in a few iterations."""
+    """Constraints at points are as good as the best mortar codes on these meshes.
+
+    A few iterations are enough.
+    """
     errors = []
     for h in (0.0225, 0.025, 0.0275):
         result = hertz(case="cylinders", h=h, penalty=5 * 200.0 / h, constraints="points")
@@ -50,7 +53,7 @@ def test_cylinders():
 
 
 def test_swap_of_cylinders():
-    """Constraints at points are the same seen from both sides."""
+    """Constraints at points give the same results with slave and master swapped."""
     one, other = (
         hertz(case="cylinders", h=0.05, swap=swap, constraints="points") for swap in (False, True)
     )
@@ -68,14 +71,14 @@ def test_convergence():
 
 
 def test_swap():
-    """Which body is called slave does not matter."""
+    """Results do not depend on which body is the slave."""
     one, other = (hertz(h=0.05, ratio=1.5, swap=swap) for swap in (None, True))
     for a, b in (SIDES, SIDES[::-1]):
         assert abs(one[f"peak_error_{a}"] - other[f"peak_error_{b}"]) < 0.01
 
 
 def test_augmented_lagrangian():
-    """At ε = 10 E/h the same as with a penalty of 1e6 E/h, in at most 10 updates."""
+    """At ε = 10 E/h, results are those of a penalty of 1e6 E/h, in at most 10 updates."""
     parameters = {"h": 0.05, "ratio": 1.5}
     e_over_h = 200.0 / 0.05
     multipliers = {"enforcement": "augmented-lagrangian", "constraints": "nodes"}
@@ -88,13 +91,13 @@ def test_augmented_lagrangian():
 
 @pytest.mark.parametrize("ratio", [1 / 3, 1.0, 3.0])
 def test_number_of_updates(ratio):
-    """At the automatic penalty, for either side the finer one."""
+    """At the automatic penalty few updates are needed, with either side finer."""
     result = hertz(h=0.05, ratio=ratio, enforcement="augmented-lagrangian")
     assert result["augmentation_steps"] <= 10
 
 
 def test_sphere():
-    """One coarse mesh in 3D: peak within 4 %, the radius within one facet."""
+    """On one coarse mesh in 3D the peak is right to 4 %, the radius to one facet."""
     result = hertz(dim=3, h=0.15)
     for side in SIDES:
         assert abs(result[f"peak_error_{side}"]) <= 0.04
@@ -102,7 +105,7 @@ def test_sphere():
 
 
 def test_ranks_do_not_matter():
-    """gmsh meshes, which partitioners spread as they like."""
+    """Results on gmsh meshes do not depend on the partition."""
     result, expected = hertz(h=0.1, ratio=2.0), hertz(MPI.COMM_SELF, h=0.1, ratio=2.0)
     for side in SIDES:
         for name in ("peak", "l2"):
@@ -113,7 +116,7 @@ def test_ranks_do_not_matter():
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_formulations(formulation):
-    """With a moderate penalty all give Hertz's pressure on both sides."""
+    """With a moderate penalty all formulations give Hertz's pressure on both sides."""
     result = hertz(h=0.05, formulation=formulation, penalty=3 * 200.0 / 0.05)
     for side in SIDES:
         assert abs(result[f"peak_error_{side}"]) <= 0.03

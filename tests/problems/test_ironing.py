@@ -17,7 +17,7 @@ COARSE = {"h": 0.14, "steps": 37, "facets": 5}
 
 @functools.cache
 def iron(formulation, quadrature):
-    """Result, parameters, rows, and forces at the end, of a short run."""
+    """Result, parameters, rows, and forces at the end of a short run."""
     p = Parameters(formulation, quadrature, **COARSE)
     result, rows, (indenter, slab, contact, _) = run(p, WORLD)
     forces = [body.reaction() for body in (indenter, slab)]
@@ -38,14 +38,14 @@ CASES = [(f, q) for f in FORMULATIONS for q in ("nodal", "overlay")]
     [pytest.param(*case, marks=[pytest.mark.long] * (case not in QUICK)) for case in CASES],
 )
 def test_every_formulation(formulation, quadrature):
-    """No cutback, the force ratio of Coulomb's law, and the books of the energy."""
+    """All formulations run without cutbacks, with Coulomb's force ratio and balanced energies."""
     result, p, rows, forces = iron(formulation, quadrature)
     assert tuple(result) == ("force_ratio_error", "force_oscillation", "steps", "cutbacks")
     assert result["steps"] == p.steps and result["cutbacks"] == 0
     assert result["force_ratio_error"] < 0.02
     columns, before = on_plateau(p, rows)
     assert np.isclose(columns.slide[-1] - before.slide, p.facets)
-    # What holds the indenter is what contact does to it; the same below.
+    # The reaction of the indenter balances the contact force; the same holds for the slab.
     np.testing.assert_allclose(forces[0], -forces[2], rtol=1e-6)
     np.testing.assert_allclose(forces[1], -forces[3], rtol=1e-6)
     np.testing.assert_allclose(forces[0], -forces[1], rtol=1e-6)
@@ -54,13 +54,16 @@ def test_every_formulation(formulation, quadrature):
     dissipated = columns.dissipated[-1] - before.dissipated
     elastic = columns.elastic[-1] - before.elastic
     assert work > 0 and abs(elastic) < 1e-3 * work
-    # At nodes master-slave normals jump from facet to facet, which few steps do not follow well.
+    # With nodal quadrature, master-slave normals jump between facets, and few steps are inaccurate.
     rough = quadrature == "nodal" and formulation in ("master-slave", "double-pass")
     assert abs(dissipated + elastic - work) < (0.03 if rough else 0.01) * work
 
 
 def test_oscillation():
-    """Overlay below half of nodal quasi-symmetric contact, and that below master-slave."""
+    """The overlay has less than half the oscillation of nodal quasi-symmetric contact.
+
+    Master-slave contact oscillates more than both.
+    """
     one_sided = iron("master-slave", "nodal")[0]["force_oscillation"]
     nodal, overlay = (
         iron("quasi-symmetric", q)[0]["force_oscillation"] for q in ("nodal", "overlay")
@@ -81,7 +84,7 @@ def test_plan(steps):
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_ranks_do_not_matter(quadrature, enforcement, monkeypatch):
-    """Pressed and dragged by a few steps, the slab being the slave."""
+    """A few steps of pressing and dragging do not depend on the ranks, with the slab as slave."""
     p = Parameters(quadrature=quadrature, enforcement=enforcement, swap=True, **COARSE)
     values = []
     for comm in (MPI.COMM_SELF, WORLD):
@@ -97,7 +100,7 @@ def test_ranks_do_not_matter(quadrature, enforcement, monkeypatch):
 
 
 def test_output(tmp_path):
-    """History and fields of all steps."""
+    """The output has the history of all steps, and fields."""
     folder = WORLD.bcast(tmp_path) / "out"
     result, rows, _ = run(Parameters(h=0.3, steps=42, depth=0.02, output=str(folder)))
     WORLD.barrier()
@@ -113,11 +116,11 @@ def test_output(tmp_path):
 
 @pytest.mark.parametrize(("way", "most"), [(1.0, 8), (6.0, 12)])
 def test_steps_of_facets(way, most):
-    """With geometry that follows: Newton iterations of a step, and no cutback."""
+    """With finite sliding, steps of facets need few Newton iterations and no cutback."""
     facets = 14
     steps = PRESSING + round((facets + RUN_IN) / way)
     p = Parameters(sliding="finite", steps=steps, facets=facets)
     iterations = []
     result, *_ = run(p, WORLD, lambda row, scene: iterations.append(scene[-1].num_iterations))
     assert result["cutbacks"] == 0
-    assert max(iterations[PRESSING + 2 :]) <= most  # once all of it slips
+    assert max(iterations[PRESSING + 2 :]) <= most  # once all nodes slip

@@ -1,4 +1,4 @@
-"""Two leaves that bend on each other, held at one end: contact travels along the shorter one."""
+"""Two leaves that bend on each other, clamped at one end: contact moves along the shorter leaf."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ E, HEIGHT, LENGTH, FORCE = 1000.0, 0.1, 1.0, 1e-3
 
 
 def leaf(cells, length, low, degree=2):
-    """Its space and displacement; held at the left."""
+    """Mesh, space, displacement and clamp at the left end of a leaf."""
     msh = box(WORLD, (cells, 2), "quadrilateral", [0.0, low], [length, low + HEIGHT])
     V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
     return msh, V, fem.Function(V), clamp(V, plane(msh, 0, 0.0))
 
 
 def tip(cells, constraints):
-    """Deflection of the longer one's tip, under a load there, over that of beams; iterations."""
+    """Deflection of the longer leaf's loaded tip over that of beam theory; iterations."""
     long_, short = (
         leaf(cells, 3 * LENGTH, 0.0),
         leaf(round(2.3 * cells / 3), 2 * LENGTH, -HEIGHT),
@@ -49,7 +49,10 @@ def tip(cells, constraints):
 
 @pytest.mark.parametrize("cells", (20, pytest.param(80, marks=pytest.mark.long)))
 def test_two_leaves(cells):
-    """As beams that touch at the shorter one's tip, in iterations that do not grow with facets."""
+    """Leaves bend like beams that touch at the shorter leaf's tip.
+
+    The number of iterations does not grow with the number of facets.
+    """
     found, iterations = tip(cells, "points")
     assert found == pytest.approx(1.0, abs=0.02)
     assert iterations <= (12 if cells < 80 else 30)

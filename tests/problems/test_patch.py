@@ -1,4 +1,4 @@
-"""The patch test: known numbers, ratios of the formulations, equality on any partition."""
+"""The patch test: known numbers, ratios of the formulations, same results on any partition."""
 
 from mpi4py import MPI
 
@@ -47,13 +47,13 @@ ERRORS = ("slave_mean_error", "master_mean_error", "slave_max_error", "master_ma
 
 @pytest.mark.parametrize("cell, master, slave", PROTOTYPE)
 def test_prototype(cell, master, slave):
-    """Every number of the prototype's table, to the digits given."""
+    """Results agree with every number of the prototype's table, to the digits given."""
     for formulation, expected in PROTOTYPE[cell, master, slave].items():
         p = Parameters(master, slave, cell, formulation=formulation, penalty=PENALTY)
         result, _ = run(p)
         for name, digits in zip(COLUMNS, expected, strict=True):
             places = len(digits.partition(".")[2])
-            # One unit in the last place: the prototype's own figures are rounded.
+            # One unit in the last digit: the prototype's own figures are rounded.
             found = 100 * result[name]
             assert abs(found - float(digits)) <= 0.5001 * 10**-places, (formulation, name, found)
         assert result["snes_iterations"] == 1
@@ -64,7 +64,7 @@ def test_prototype(cell, master, slave):
 @pytest.mark.parametrize("load", ("pressure", "displacement"))
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 def test_quasi_symmetric_halves_the_error(cell, load, jitter):
-    """Master finer than slave."""
+    """Quasi-symmetric contact halves the error with a master finer than the slave."""
     for master, slave in ((5, 3), (5, 4), (6, 4), (9, 4), (9, 7)):
         results = [
             run(Parameters(master, slave, cell, jitter, 3, name, load, penalty=PENALTY))[0]
@@ -91,11 +91,14 @@ def test_matching_meshes_are_exact(cell, formulation):
 
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 def test_nested_meshes(cell):
-    """Slave facets within master facets (3 × 9): exact, but for the compliance of the penalty."""
+    """If slave facets are within master facets (3 × 9), contact is exact.
+
+    Only the compliance of the penalty remains.
+    """
     result, _ = run(Parameters(3, 9, cell, formulation="master-slave", penalty=PENALTY))
     for name in ERRORS:
         assert result[name] < 1e-11
-    # Quasi-symmetric contact needs an uneven multiplier here, hence an uneven gap λ/ε.
+    # Quasi-symmetric contact needs a nonuniform multiplier here, hence a nonuniform gap λ/ε.
     soft, stiff = (run(Parameters(3, 9, cell, penalty=f * PENALTY))[0] for f in (1, 100))
     for name in ERRORS:
         assert stiff[name] < soft[name] / 50
@@ -104,7 +107,7 @@ def test_nested_meshes(cell):
 @pytest.mark.parametrize("contact", ("tied", "unilateral"))
 @pytest.mark.parametrize("cell", patch_test.CELLS)
 def test_ranks_do_not_matter(cell, contact, monkeypatch):
-    """All errors as on one rank to 1e-9, however the cells are spread."""
+    """All errors are as on one rank to 1e-9, with any distribution of the cells."""
     p = Parameters(5, 3, cell, 0.2, 1, load="displacement", contact=contact, penalty=PENALTY)
     expected, _ = run(p, MPI.COMM_SELF)
     results = [run(p)[0]]
@@ -120,7 +123,7 @@ def test_ranks_do_not_matter(cell, contact, monkeypatch):
 
 
 def test_table(monkeypatch, capsys):
-    """The table that the demo prints checks itself."""
+    """The table that the demo prints has the known numbers."""
     monkeypatch.setattr("sys.argv", ["patch_test.py"])
     patch_test.main()
     printed = capsys.readouterr().out

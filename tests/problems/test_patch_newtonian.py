@@ -49,7 +49,7 @@ def test_overlay_is_exact(cell, load, jitter, enforcement):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_formulations(cell, formulation):
-    """Exact on the overlay, and on matching meshes with either quadrature."""
+    """Contact is exact with the overlay, and on matching meshes with either quadrature."""
     check_exact(run(newtonian(5, 3, cell, 0.1, formulation=formulation, quadrature="overlay"))[0])
     for load in LOADS:
         check_exact(run(newtonian(4, 4, cell, formulation=formulation, load=load))[0])
@@ -75,7 +75,10 @@ def test_turned(cell, load, contact):
 @pytest.mark.parametrize("jitter", (0.0, 0.25))
 @pytest.mark.parametrize("load", LOADS)
 def test_quasi_symmetric_halves_the_error(load, jitter, penalty):
-    """Master finer than slave, at any penalty."""
+    """With a master finer than the slave, quasi-symmetric contact halves the error.
+
+    This holds at any penalty.
+    """
     options = {"jitter": jitter, "load": load, "penalty": penalty}
     for master, slave in ((4, 3), (8, 3)):
         quasi, single = (
@@ -93,7 +96,7 @@ def test_quasi_symmetric_halves_the_error(load, jitter, penalty):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_flow(cell):
-    """The velocity that the constant stress drives: incompressible, plane strain in 2D."""
+    """The constant stress gives an incompressible velocity field, plane strain in 2D."""
     p = newtonian(5, 3, cell, 0.2, quadrature="overlay")
     master, slave, contact, problem = patch_test.build(WORLD, p)
     problem.solve()
@@ -150,7 +153,7 @@ def test_refused_on_the_command_line(capsys, monkeypatch):
 
 @pytest.mark.parametrize("material", MATERIALS)
 def test_keys(material):
-    """What checks of the JSON file rely on."""
+    """The JSON file has the keys that other checks use."""
     result, _ = run(Parameters(3, 2, material=material))
     assert list(result) == [
         "formulation",

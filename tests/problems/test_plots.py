@@ -1,4 +1,4 @@
-"""Pictures of the demos: each draws one, of what is there, with any number of ranks."""
+"""Pictures of the demos: each demo draws its own, on any number of ranks."""
 
 import ast
 import importlib
@@ -52,12 +52,12 @@ def draw(monkeypatch, name, arguments):
 
 
 def shared(tmp_path, name):
-    """The name of a file, the same on all ranks."""
+    """A file name that is the same on all ranks."""
     return WORLD.bcast(str(tmp_path / name))
 
 
 def check_picture(frame):
-    """A legible size, white paper, and something on it."""
+    """Check that a picture has a legible size, white background, and some content."""
     pixels = np.asarray(frame.convert("RGB"))
     height, width, _ = pixels.shape
     assert 300 <= height <= 1500 and 800 <= width <= 1800
@@ -66,7 +66,7 @@ def check_picture(frame):
     assert np.mean(pixels.min(axis=2) > 250) > 0.1
 
 
-#: Those that are drawn after each change: a mesh, curves, a body in space, a table.
+#: Demos whose pictures are tested after each change: a mesh, curves, a 3D body, a table.
 EACH_TIME = ("patch_test", "hertz", "sliding_wedge", "ironing")
 
 
@@ -86,7 +86,7 @@ def test_picture(monkeypatch, tmp_path, capsys, name):
 
 
 def test_forging_animated(monkeypatch, tmp_path, capsys):
-    """One frame at first and one for each step; the last one is the picture."""
+    """The animation has one frame at first and one per step; the last frame is the picture."""
     names = [shared(tmp_path, f"forging.{kind}") for kind in ("png", "gif")]
     draw(monkeypatch, "forging", [*FORGING, "--plot", names[0], "--animate", names[1]])
     with Image.open(names[0]) as picture, Image.open(names[1]) as film:
@@ -116,7 +116,7 @@ def test_every_demo_has_plot():
 
 @pytest.mark.parametrize("path", sorted((ROOT / "demos/common").glob("*.py")), ids=lambda p: p.stem)
 def test_imports_no_demo(path):
-    """Demos import their pictures, and not the other way round."""
+    """Demos import the module of pictures, and not the other way round."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     names = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
     names |= {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
@@ -125,7 +125,7 @@ def test_imports_no_demo(path):
 
 @pytest.mark.parametrize("name", ("hertz", "forging", "ring_compression"))
 def test_refused(monkeypatch, tmp_path, capsys, name):
-    """Unknown kinds of files, and pictures without matplotlib: before the demo computes."""
+    """Unknown file types, and missing matplotlib, are refused before the demo computes."""
 
     def said(filename):
         with pytest.raises(SystemExit) as stopped:
@@ -138,12 +138,15 @@ def test_refused(monkeypatch, tmp_path, capsys, name):
     assert "need matplotlib" in said(str(tmp_path / "picture.png"))
 
 
-# --- What is gathered for them
+# --- Gathered data
 
 
 @pytest.mark.parametrize("kind, number", (("triangle", 12), ("quadrilateral", 6)))
 def test_cells(kind, number):
-    """All cells once: their areas and a linear function's integral, where they have moved to."""
+    """All cells are gathered once: areas and the integral of a linear function are right.
+
+    The mesh has moved.
+    """
     msh = box(WORLD, (3, 2), kind, [0.0, 0.0], [2.0, 1.0])
     u = fem.Function(fem.functionspace(msh, ("Lagrange", 1, (2,))))
     u.interpolate(lambda x: (0.5 * x[0] + x[1], 2 * x[1]))
@@ -162,7 +165,7 @@ def test_cells(kind, number):
 
 
 def test_boundary():
-    """The closed surface of the body, with normals outwards: volume by the divergence theorem."""
+    """The boundary is closed with outward normals: volume by the divergence theorem."""
     msh = box(WORLD, (3, 2, 2), "tetrahedron", [0.0, 0.0, 1.0], [1.0, 2.0, 4.0])
     x = msh.geometry.x.copy()
     x[:, 0] += 0.3 * x[:, 2]  # sheared: the same volume
@@ -181,7 +184,7 @@ def test_boundary():
 
 
 def test_gallery():
-    """Pictures are there and small, and a command makes each of them."""
+    """Pictures exist and are small, and a command makes each of them."""
     text = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
     shown = re.findall(r"!\[[^\]]+\]\((figures/[\w.]+)\)", text)
     command = r"^    (?:mpirun -n 2 )?python3 demos/"

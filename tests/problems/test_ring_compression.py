@@ -26,7 +26,7 @@ COARSE = {"cells": 3, "num_steps": 4, "reduction": 0.3}
 
 
 def on_die(ring):
-    """Inner and outer radius of what lies on the lower die. Collective."""
+    """Inner and outer radius of the part that lies on the lower die. Collective."""
     x = ring.mesh.geometry.x
     r = x[np.abs(x[:, 1]) < 1e-6, 0]
     inner = WORLD.allreduce(r.min(initial=np.inf), op=MPI.MIN)
@@ -34,7 +34,7 @@ def on_die(ring):
 
 
 def test_no_friction():
-    """All radii follow r √(h₀/h) to the second order of the time step; keys are as documented."""
+    """Radii follow r √(h₀/h) to second order of the time step; keys are as documented."""
     results = [run(Parameters(**COARSE | {"num_steps": n}), WORLD)[0] for n in (2, 4)]
     errors = [abs(result["inner_radius_error"]) for result in results]
     assert tuple(results[0]) == KEYS
@@ -47,7 +47,10 @@ def test_no_friction():
 
 
 def test_calibration():
-    """More friction, smaller bore: it grows without, hardly changes at 0.15, shrinks at 1."""
+    """More friction gives a smaller bore: it grows without friction, and shrinks at 1.
+
+    It hardly changes at 0.15.
+    """
     results = [result for result, *_ in calibrate(Parameters(**COARSE), (0, 0.15, 0.4, 1)).values()]
     inner, outer, force, friction = (
         np.array([result[key] for result in results])
@@ -70,7 +73,7 @@ LAWS = {
 
 @functools.cache
 def compress(friction):
-    """A run with what each step shows."""
+    """Run the demo; returns result, rows, and the state at each step."""
     seen = []
 
     def on_step(ring, contacts, stepper):
@@ -95,7 +98,7 @@ def compress(friction):
 
 @pytest.mark.parametrize("friction", FRICTIONS)
 def test_energy(friction):
-    """The dies' work is what the ring dissipates and friction takes, at no node less than none."""
+    """The dies' work is the sum of plastic and friction dissipation, nonnegative at each node."""
     result, rows, seen = compress(friction)
     total = 0.0
     for row, state in zip(rows, seen, strict=True):
@@ -103,7 +106,7 @@ def test_energy(friction):
         assert state["least"] >= 0
         assert np.isclose(state["dissipated"], total, rtol=1e-12)
         assert state["cutbacks"] == 0
-        # Where no node comes to a die or leaves it, each step is in balance.
+        # Where no node gains or loses contact with a die, each step is in balance.
         assert abs(row["energy_error"]) < 1e-7
         assert np.isclose(row["plastic"] + row["friction"], row["work"], rtol=1e-7)
     share = total / rows[-1]["work"]
@@ -116,7 +119,7 @@ def test_energy(friction):
 
 @pytest.mark.parametrize("friction", FRICTIONS)
 def test_barrelling(friction):
-    """Friction holds the faces back: at mid height the ring flows further, outwards or inwards."""
+    """Friction restrains the faces: at mid height the ring flows further, outwards or inwards."""
     state = compress(friction)[2][-1]
     (inner, outer), (bore, girth) = state["die"], state["middle"]
     if friction == "none":
@@ -129,7 +132,7 @@ def test_barrelling(friction):
 
 
 def test_laws_agree():
-    """Coulomb's law limited by Tresca's is Tresca's where pressures are high."""
+    """Coulomb's law limited by Tresca's equals Tresca's law where pressures are high."""
     results = [
         run(Parameters(friction=friction, mu=10.0, m_bar=0.3, **COARSE), WORLD)[0]
         for friction in ("tresca", "coulomb-tresca")
@@ -139,7 +142,10 @@ def test_laws_agree():
 
 
 def test_folding():
-    """Sides that fold on to the dies do not pass them, and the energy is right to the time step."""
+    """Sides that fold on to the dies do not penetrate them.
+
+    The energy error is that of the time step.
+    """
     p = Parameters(friction="tresca", m_bar=1.0, cells=4, num_steps=10)
     _, rows, ring = run(p, WORLD)
     z = ring.mesh.geometry.x[:, 1]
@@ -159,7 +165,10 @@ def test_ranks_do_not_matter(friction):
 
 @pytest.mark.parametrize("ratio", (0.95, 0.8))
 def test_friction_is_not_lost(ratio):
-    """A slower die: Newton's full steps open and close contact, and sticking nodes still stick."""
+    """With a slower die, sticking nodes still stick.
+
+    Newton's full steps activate and deactivate contact.
+    """
     ring, _, stepper = build(WORLD, Parameters(friction="sticking", cells=4))
     stepper.step()
     before = on_die(ring)

@@ -1,4 +1,4 @@
-"""The rubber demo: what balances, what rolls, its parameters, and ranks."""
+"""The rubber demo: balance, rolling, parameters, and ranks."""
 
 import functools
 
@@ -20,12 +20,12 @@ def rolled(**options):
 
 
 def squeezed(comm=WORLD):
-    """A coarse ring that is squeezed only."""
+    """Run the scene with a coarse ring that is squeezed only."""
     return run(Parameters(facet=0.4, steps=6, distance=0.0), comm)
 
 
 def test_squeezed_ring():
-    """Lid and groove push against each other, and not sideways."""
+    """The forces of lid and groove balance, and have no sideways part."""
     result, rows = squeezed()
     assert tuple(result) == KEYS
     force = [row.force for row in rows]
@@ -43,7 +43,10 @@ def test_ring_rolls_half_as_far_as_the_lid():
 
 
 def test_roller():
-    """In a part of a turn it comes a little less far than its circumference; forces balance."""
+    """In a part of a turn the roller travels a little less than on its circumference.
+
+    Forces balance.
+    """
     result, rows = rolled(scene="roller", facet=4.0, steps=3, distance=3 / 90)
     way = 2 * np.pi * ROLLER * 3 / 90
     assert -way < result["u_x"] < -0.85 * way

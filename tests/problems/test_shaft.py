@@ -22,7 +22,7 @@ def turn(**options):
 @pytest.mark.parametrize("cell", ("quadrilateral", "triangle"))
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
 def test_friction(formulation, cell):
-    """Torque is μ times normal forces times radius at every angle; reactions balance."""
+    """The torque is μ times normal forces times radius at every angle; reactions balance."""
     result, rows = turn(mu=0.2, steps=3, formulation=formulation, cell=cell)
     assert tuple(result) == KEYS and result["steps"] == 3
     assert result["moment_error"] < 1e-7 and result["force_error"] < 1e-9
@@ -34,20 +34,26 @@ def test_friction(formulation, cell):
 
 @pytest.mark.long
 def test_steps():
-    """Torque does not depend on their number; the error of the work goes with their square."""
+    """The torque does not depend on the number of steps.
+
+    The error of the work falls with the square of the number.
+    """
     few, many = (turn(mu=0.2, steps=steps)[0] for steps in (9, 18))
     assert np.isclose(few["torque"], many["torque"], rtol=1e-4)
     assert few["work_error"] < 6e-3 and 3.5 < few["work_error"] / many["work_error"] < 4.5
 
 
 def test_direction():
-    """The other way round the torque is the opposite."""
+    """With the opposite rotation the torque is the opposite."""
     torques = [turn(mu=0.2, steps=3, turn=turned)[0]["torque"] for turned in (90.0, -90.0)]
     assert torques[0] > 0 and np.isclose(*np.abs(torques), rtol=1e-4) and torques[1] < 0
 
 
 def test_no_friction():
-    """No torque, and energy stays: polygons turn in each other as circles do."""
+    """Without friction there is no torque, and the energy stays.
+
+    Polygons rotate in each other as circles do.
+    """
     result, rows = turn(steps=3)
     assert tuple(result) == KEYS and len(rows) == 4
     assert result["moment_error"] < 1e-7 and result["force_error"] < 1e-9
@@ -57,14 +63,14 @@ def test_no_friction():
 
 
 def test_one_large_step():
-    """A quarter of a turn at once."""
+    """A quarter of a turn in one step gives the same torque."""
     result, rows = turn(mu=0.2, steps=1)
     assert np.isclose(result["torque"], turn(mu=0.2, steps=9)[0]["torque"], rtol=1e-4)
     assert rows[-1].iterations < 25
 
 
 def test_closed_forms():
-    """Pressure and stiffness of small strains, for a small interference and finer cells."""
+    """Pressure and stiffness are those of small strains, for small interference and finer cells."""
     p = Parameters(mu=0.2, steps=1, facets=96, interference=4e-3, turn=1.0)
     rows = run(p, WORLD)[1]
     pressure = rows[0].normal / (2 * np.pi * rows[0].radius)

@@ -1,4 +1,4 @@
-"""The sliding wedge, CGS-4: the demo against the closed form, and what it says of itself."""
+"""The sliding wedge, CGS-4: the demo against the closed form, and the demo's own results."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ from sliding_wedge import Parameters, build, closed_form, run
 
 
 def test_closed_form_values():
-    """Those of the benchmark."""
+    """The closed form gives the values of the benchmark."""
     values = [closed_form(mu) for mu in (0, 0.1, 0.2, 0.3)]
     np.testing.assert_allclose(values, [0.1, 0.202020, 0.306122, 0.412371], atol=5e-7)
 
@@ -26,7 +26,7 @@ MADE += [(f, "augmented-lagrangian") for f in FORMULATIONS if f != "double-pass"
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize(("formulation", "enforcement"), MADE)
 def test_full_slip(formulation, quadrature, enforcement):
-    """The ratio of the forces, to rounding errors; and the incline carries all of the load."""
+    """The force ratio is right to rounding errors, and the incline carries all of the load."""
     for mu in (0.0, 0.1, 0.2, 0.3) if enforcement == "penalty" else (0.0, 0.3):
         p = Parameters(mu, formulation, quadrature, enforcement)
         result, table, _ = run(p)
@@ -39,7 +39,7 @@ def test_full_slip(formulation, quadrature, enforcement):
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_stick_before_slip(quadrature):
-    """Small pushes: the force grows from step to step while more and more nodes slip."""
+    """Under small pushes the force grows from step to step while more and more nodes slip."""
     _, table, _ = run(Parameters(mu=0.5, quadrature=quadrature, push=1e-4))
     ratio = np.array([row["ratio"] for row in table])
     share = np.array([row["slipping"] / row["active"] for row in table])
@@ -52,7 +52,10 @@ def test_stick_before_slip(quadrature):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_travel(formulation):
-    """Over several facets, pairing anew: nearly the same on the deformed surfaces."""
+    """Over several facets, with updated contact, the force ratio is nearly the same.
+
+    The surfaces are deformed.
+    """
     result, table, _ = run(Parameters(mu=0.3, formulation=formulation, travel=0.5))
     assert np.isclose(table[-1]["shift"], 0.5)
     assert 1e-9 < result["ratio_error"] < 1e-3
@@ -64,7 +67,7 @@ def test_other_mu():
 
 
 def test_no_friction_without_mu():
-    """A wedge without friction has no tangential rows; a negative μ is refused."""
+    """A wedge without friction has no tangential constraints; a negative μ is refused."""
     contact = build(WORLD, Parameters(mu=0.0))[1]
     assert contact.friction is None and contact.model.slips == () and contact.model.symmetric
     with pytest.raises(ValueError, match="mu"):
@@ -73,7 +76,7 @@ def test_no_friction_without_mu():
 
 @pytest.mark.parametrize("partition", ("backward", "scattered"))
 def test_ranks_do_not_matter(partition, monkeypatch):
-    """The partly slipping wedge, spread so that the pair spans ranks."""
+    """The partly slipping wedge does not depend on the partition; the contact pair spans ranks."""
     p = Parameters(mu=0.5, quadrature="overlay", push=2e-4)
     with spread_cells(monkeypatch, partition):
         _, table, _ = run(p)

@@ -19,7 +19,7 @@ def test_closed_form(dim, m):
 
 
 def test_euler_drifts():
-    """What the midpoint is for."""
+    """The volume drifts with Euler's scheme, and over ten times less with the midpoint rule."""
     few = {"m": 1.0, "num_steps": 4, "reduction": 0.2}
     drift = [run(Parameters(scheme=s, **few))[0]["volume_change"] for s in ("midpoint", "euler")]
     assert abs(drift[1]) > 10 * abs(drift[0])

@@ -25,7 +25,7 @@ def test_matching_meshes_converge_as_the_single_body(result):
 
 @pytest.mark.parametrize("ratio", ["2:3", "3:2", "4:1"])
 def test_quasi_symmetric_halves_the_error_of_the_traction(result, ratio):
-    """On non-nested meshes nodal contact loses order; what is left is about half as large."""
+    """On non-nested meshes nodal contact loses order; quasi-symmetric contact halves the error."""
     for level in range(3):
         ms, quasi = (
             result[f"error_master_traction_{f}_{ratio}_{level}"]

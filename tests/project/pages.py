@@ -1,6 +1,7 @@
-"""The Markdown pages, their blocks of code and the commands in them, for the tests.
+"""Markdown pages, their code blocks and the commands in them, for the tests.
 
-python3 tests/project/pages.py PAGE... puts what the blocks print into the blocks of text after
+``python3 tests/project/pages.py PAGE...`` writes the printed output of code blocks into the text
+blocks after them.
 """
 
 import ast
@@ -22,7 +23,7 @@ WORLD = MPI.COMM_WORLD
 
 
 class Block(typing.NamedTuple):
-    """A fenced block of code, and the line of the page that it starts in."""
+    """A fenced code block, and the line of the page where it starts."""
 
     language: str
     line: int
@@ -30,12 +31,12 @@ class Block(typing.NamedTuple):
 
 
 def without_fences(text):
-    """A page's text without its fenced blocks."""
+    """Text of a page without its fenced blocks."""
     return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def pages():
-    """All pages that belong to the documentation."""
+    """All pages of the documentation."""
     top = (
         "README.md",
         "CONTRIBUTING.md",
@@ -48,20 +49,20 @@ def pages():
 
 
 def blocks(page):
-    """The fenced blocks of a page, from top to bottom."""
+    """Fenced blocks of a page, from top to bottom."""
     text = page.read_text(encoding="utf-8")
     found = re.finditer(r"^```([^\n]*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     return [Block(m[1].strip(), text.count("\n", 0, m.start()) + 1, m[2]) for m in found]
 
 
 def has_python(page):
-    """Whether there is anything to run."""
+    """Whether the page has code to run."""
     return any(block.language == "python" for block in blocks(page))
 
 
 @contextlib.contextmanager
 def scratch_folder():
-    """Work in a new folder, the same on all ranks, that is removed afterwards."""
+    """Work in a new temporary folder, the same on all ranks."""
     old = os.getcwd()
     with contextlib.ExitStack() as stack:
         new = stack.enter_context(tempfile.TemporaryDirectory()) if WORLD.rank == 0 else None
@@ -76,7 +77,7 @@ def scratch_folder():
 
 @contextlib.contextmanager
 def logging_kept():
-    """A page may silence our messages; not those of what comes after it."""
+    """Restore our logging after a page, which may silence our messages."""
     logger = logging.getLogger("qsdolfinx")
     level, handlers = logger.level, [*logger.handlers]
     try:
@@ -90,8 +91,8 @@ def printed_by(page):
     """Run a page's Python from top to bottom in one namespace.
 
     Returns:
-        The namespace, what each block of text after one of Python should be, with that block, and
-        the names of the files that were written.
+        The namespace; pairs of each text block after a Python block and its expected text; and the
+        names of the files that were written.
     """
     names, texts, printed = {"__name__": "page"}, [], None
     with scratch_folder() as folder, logging_kept():
@@ -111,7 +112,7 @@ def printed_by(page):
 
 
 def run(page):
-    """Run a page, and check that it prints on each rank what it says; namespace and files."""
+    """Run a page and check its output on each rank; returns namespace and files."""
     names, texts, files = printed_by(page)
     unlike = [
         f"{page.name}, line {block.line}, prints:\n{printed}"
@@ -124,7 +125,7 @@ def run(page):
 
 
 def fill(page):
-    """Put what is printed into the blocks of text."""
+    """Write the printed output into the text blocks."""
     lines = page.read_text(encoding="utf-8").split("\n")
     for block, printed in reversed(printed_by(page)[1]):
         end = block.line + block.code.count("\n")
@@ -133,9 +134,9 @@ def fill(page):
 
 
 def commands(page):
-    """The commands on a page as lists of words: in backticks, fenced or indented.
+    """Yield the commands on a page as lists of words: in backticks, fenced or indented.
 
-    Of a program its docstring is the page.
+    For a program, its docstring is the page.
     """
     text = page.read_text(encoding="utf-8")
     if page.suffix == ".py":
@@ -153,7 +154,7 @@ def commands(page):
 
 
 def links(page):
-    """Targets of the links and pictures of a page that are no addresses."""
+    """Targets of the links and pictures of a page, without URLs."""
     text = without_fences(page.read_text(encoding="utf-8"))
     text = re.sub(r"`[^`\n]*`", "", text)
     targets = re.findall(r"\]\(([^)\s]+)\)", text)
@@ -161,7 +162,7 @@ def links(page):
 
 
 def anchors(page):
-    """What # can stand for: headings as GitHub and MyST write them, of included pages too."""
+    """Valid anchors of a page: headings as GitHub and MyST write them, also of included pages."""
     text = without_fences(page.read_text(encoding="utf-8"))
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     plain = [re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings]

@@ -1,6 +1,6 @@
-"""The public names and their signatures, as recorded in api.txt.
+"""Public names and their signatures are as recorded in api.txt.
 
-After a wanted change: ``python3 tests/project/test_api.py > tests/project/api.txt``.
+After an intended change: ``python3 tests/project/test_api.py > tests/project/api.txt``.
 """
 
 import enum
@@ -13,7 +13,7 @@ RECORDED = pathlib.Path(__file__).with_name("api.txt")
 
 
 def members(kind):
-    """A class's public members, one a line; what exceptions have anyway is left out."""
+    """Public members of a class, one per line, without those that all exceptions have."""
     for name in sorted(set(dir(kind)) - {*dir(Exception), *dir(int)}):
         if name.startswith("_"):
             continue
@@ -45,7 +45,7 @@ def public_names():
                     yield from (f"{name}.{member}" for member in members(kind))
 
 
-#: Found at once: a fixture of all tests wraps a constructor.
+#: Computed on import, because a fixture of all tests wraps a constructor.
 FOUND = list(public_names())
 
 

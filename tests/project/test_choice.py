@@ -1,4 +1,4 @@
-"""Which cases of a test are run after each change, and with how many ranks."""
+"""Choice of the test cases that run after each change, and of their number of ranks."""
 
 import itertools
 import pathlib
@@ -27,7 +27,7 @@ def test_pairs_of_three_lists_and_more(sizes):
 
 
 def test_values_of_two_lists():
-    """Names of one list that are given together are no product."""
+    """Names that are parametrized together in one list are not combined with each other."""
     cases = [case | {"with_a": case["a"]} for case in product(a=4, b=3)]
     kept = [cases[i] for i in choice.chosen(cases)]
     assert len(kept) == 4
@@ -40,7 +40,10 @@ def test_one_list_is_whole():
 
 
 def test_every_test_has_a_number_of_ranks(request):
-    """One that there is a run for; with several ranks what needs them."""
+    """Each test has a number of ranks that a run exists for.
+
+    Tests that need several ranks get several.
+    """
     for item in request.session.items:
         ranks = choice.ranks_of(item)
         assert ranks in (1, 2, 3)
@@ -49,7 +52,7 @@ def test_every_test_has_a_number_of_ranks(request):
 
 
 def test_slow_tests_are_there():
-    """Each line of the list is the name of a test, or how names of cases begin."""
+    """Each line of the list is the name of a test, or a prefix of names of cases."""
     folder = pathlib.Path(choice.__file__).parent
     for name in choice.SLOW:
         path, _, test = name.partition("::")

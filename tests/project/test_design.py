@@ -1,4 +1,4 @@
-"""docs/design.md: the files of its map are there and define what it names; folders are drawn."""
+"""docs/design.md: files of its map exist and define the names; the drawing has all folders."""
 
 import re
 
@@ -15,7 +15,7 @@ def rows():
 
 
 def definition(name, path):
-    """Pattern of a definition; of a C++ class it is its constructor's."""
+    """Pattern of a definition; for a C++ class, of its constructor."""
     if path.endswith(".py"):
         return rf"^(def|class) {name}\b"
     return rf"{name}::{name}\(" if name[0].isupper() else rf"\b{name}\("
@@ -34,7 +34,7 @@ def test_map():
 
 
 def test_other_files():
-    """Those that the text names."""
+    """Files that the text names exist."""
     paths = re.findall(r"`((?:\w+/)+\w+\.(?:py|cpp))`", PAGE)
     assert len(paths) > 30
     for path in paths:
@@ -42,7 +42,7 @@ def test_other_files():
 
 
 def test_drawing():
-    """Every folder and module of the package has its line."""
+    """Every folder and module of the package has a line in the drawing."""
     drawing = PAGE.split("```text\n")[1].split("```")[0]
     package = pages.ROOT / "qsdolfinx"
     names = {f"{p.name}/" for p in package.iterdir() if any(p.glob("*.py"))}

@@ -1,4 +1,4 @@
-"""README and docs: code runs and prints what is said, commands parse, links lead somewhere."""
+"""README and docs: code prints the text of the pages, commands parse, and links have targets."""
 
 import argparse
 import contextlib
@@ -27,20 +27,20 @@ run = functools.cache(pages.run)
 
 @pytest.mark.parametrize("name", [name for name, page in PAGES.items() if pages.has_python(page)])
 def test_code(name):
-    """Every block runs, from top to bottom, and prints what the page says."""
+    """All code blocks of a page run in order, and print what the page says."""
     run(PAGES[name])
 
 
 def test_first_script():
-    """Of the README: at most 30 lines, forces as in Hertz contact, files for ParaView."""
+    """README's script has at most 30 lines, forces as in Hertz contact, and files for ParaView."""
     first = next(b.code for b in pages.blocks(PAGES["README.md"]) if b.language == "python")
     assert len([line for line in first.splitlines() if line.strip()]) <= 30
     names, files = run(PAGES["README.md"])
     assert {"block.xdmf", "block.h5", "ball.xdmf", "ball.h5"} <= set(files)
     contact = names["contact"]
     force, opposite = contact.force("slave"), contact.force("master")
-    # Hertz's bodies are half-spaces; these are held nearer to the contact, and so stiffer by a
-    # quarter, on finer meshes as well; a third on these.
+    # Hertz's bodies are half-spaces. These bodies are clamped nearer to the contact, which makes
+    # them stiffer by a quarter on finer meshes, and by a third on these.
     modulus = 1 / ((1 - 0.3**2) * (1 / 3e4 + 1 / 1e4))
     hertz = 4 / 3 * modulus * 0.05**1.5
     assert 1.2 * hertz < force[2] < 1.35 * hertz
@@ -50,7 +50,7 @@ def test_first_script():
 
 
 def test_first_page(tmp_path, monkeypatch):
-    """The script of the site: at most 30 lines, balanced, its friction within its limit."""
+    """The site's script has at most 30 lines; forces balance, and friction is within its limit."""
     script = pages.ROOT / "docs/first.py"
     lines = [line for line in script.read_text(encoding="utf-8").splitlines() if line.strip()]
     assert len(lines) <= 30
@@ -59,7 +59,7 @@ def test_first_page(tmp_path, monkeypatch):
     contact = runpy.run_path(str(script))["contact"]
     force = contact.force("slave")
     assert np.abs(force + contact.force("master")).max() < 1e-9 * force[1]
-    assert abs(force[0]) < 0.01 * force[1]  # it is symmetric but for the diagonals of the cells
+    assert abs(force[0]) < 0.01 * force[1]  # symmetric except for the diagonals of cells
     assert (tmp_path / "first.png").exists()
 
 
@@ -73,7 +73,7 @@ def test_forging():
 
 
 def test_own_friction_law():
-    """Of CONTRIBUTING.md: at full slip cohesion times area and μ times the load."""
+    """The law of CONTRIBUTING.md gives cohesion times area plus μ times the load at full slip."""
     names, _ = run(PAGES["CONTRIBUTING.md"])
     T, N = names["contact"].force("slave")
     assert np.isclose(abs(T), names["c"] * 2.0 + names["mu"] * N, rtol=1e-8)
@@ -81,11 +81,11 @@ def test_own_friction_law():
 
 
 class Parsed(Exception):
-    """A program has parsed its arguments."""
+    """Raised after a program has parsed its arguments."""
 
 
 def parse(program, arguments, monkeypatch):
-    """Let a program parse arguments, and go no further."""
+    """Let a program parse arguments, and stop it there."""
     original = argparse.ArgumentParser.parse_args
 
     def parse_args(self, *args, **kwargs):
@@ -102,7 +102,7 @@ def parse(program, arguments, monkeypatch):
 
 @pytest.mark.parametrize("name", [*PAGES, *PROGRAMS])
 def test_commands(name, monkeypatch):
-    """Programs, scripts and targets exist, and take the options that are written."""
+    """Programs, scripts and targets exist, and accept the documented options."""
     makefile = (pages.ROOT / "Makefile").read_text(encoding="utf-8")
     targets = re.findall(r"^([a-z-]+):", makefile, re.MULTILINE)
     for words in pages.commands((PAGES | PROGRAMS)[name]):
@@ -119,13 +119,13 @@ def test_commands(name, monkeypatch):
             assert (pages.ROOT / program).exists(), line
             if any(word.startswith("-") for word in arguments):
                 with contextlib.redirect_stderr(sys.stdout), monkeypatch.context() as patch:
-                    print(line)  # shown if it fails
+                    print(line)  # shown on failure
                     parse(program, arguments, patch)
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_links(name):
-    """Links to files and headings of this repository lead somewhere."""
+    """Links to files and headings of this repository have targets."""
     page = PAGES[name]
     for link in pages.links(page):
         file, _, anchor = link.partition("#")
@@ -148,7 +148,7 @@ def test_demo_pages():
 
 
 def test_site(tmp_path):
-    """Sphinx, where it is, finds nothing to warn of: references, docstrings, pages left out."""
+    """Sphinx, if installed, has no warnings on references, docstrings or missing pages."""
     build = pytest.importorskip("sphinx.cmd.build")
     pytest.importorskip("myst_parser")
     pytest.importorskip("furo")
@@ -162,7 +162,7 @@ def test_site(tmp_path):
 
 
 def test_version():
-    """It is the same wherever it is written."""
+    """The version is the same in all files."""
     citation = (pages.ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == qs.__version__
     changes = PAGES["CHANGELOG.md"].read_text(encoding="utf-8")

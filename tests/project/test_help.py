@@ -1,4 +1,4 @@
-"""``help()`` lists what public classes have: also attributes that are set in ``__init__``."""
+"""``help()`` lists all public attributes of classes, also those that ``__init__`` sets."""
 
 import ast
 import inspect
@@ -21,7 +21,7 @@ def public_classes():
 
 
 def attributes(kind):
-    """Public names that methods of a class, or of its bases here, assign to self."""
+    """Public names that methods of a class, or of its bases in the package, assign to self."""
     for base in kind.__mro__:
         if base.__module__.startswith("qsdolfinx"):
             try:
@@ -40,7 +40,7 @@ CLASSES = sorted(set(public_classes()), key=lambda kind: kind.__qualname__)
 
 @pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__qualname__)
 def test_attributes_are_in_help(kind):
-    """Each begins a line: as a property, or in the class's docstring."""
+    """Each attribute starts a line: as a property, or in the docstring of the class."""
     text = pydoc.plain(pydoc.render_doc(kind))
     missing = [a for a in set(attributes(kind)) if not re.search(rf"^ \|  +{a}\b", text, re.M)]
     assert not missing

@@ -1,11 +1,11 @@
-"""Includes of the C++ sources run downwards, and are written from cpp/."""
+"""C++ sources include only lower layers, with paths relative to cpp/."""
 
 import pathlib
 import re
 
 ROOT = pathlib.Path(__file__).resolve().parents[2] / "cpp"
 
-#: What a folder may include of those before it.
+#: Layers from low to high: a folder may include those before it.
 FLOORS = (
     "parallel",
     "geometry",
@@ -40,7 +40,7 @@ def test_includes_run_downwards():
 
 
 def test_no_circles():
-    """A header's own .cpp file may include what it likes of the same folder."""
+    """Headers have no circular includes; a .cpp file may include any header of its folder."""
     needs = {}
     for path, name in INCLUDES:
         if path.suffix == ".h":

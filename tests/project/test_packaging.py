@@ -1,4 +1,4 @@
-"""Versions and dependencies are the same in every place that packages are made from."""
+"""Versions and dependencies are the same in all files that packages are made from."""
 
 import importlib.util
 import re
@@ -14,7 +14,7 @@ yaml = pytest.importorskip("yaml")
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 RECIPE = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
-#: Debian's names of Python packages.
+#: Debian names of Python packages.
 DEBIAN = {
     "fenics-dolfinx": "python3-dolfinx-real",
     "mpi4py": "python3-mpi4py",
@@ -23,9 +23,9 @@ DEBIAN = {
     "nanobind": "python3-nanobind",
     "scikit-build-core": "python3-scikit-build-core",
 }
-#: Of debian-packages.txt, what is for pip or has another name in a package's control file.
+#: Packages of debian-packages.txt that are for pip, or have another name in a control file.
 NOT_IN_CONTROL = {"python3-pip", "pkg-config", "python3-pytest-xdist", "g++"}
-#: What makes a Debian package of anything.
+#: Packages that any Debian package needs for its build.
 DEBHELPERS = {"debhelper-compat", "dh-sequence-python3", "pybuild-plugin-pyproject", "pkgconf"}
 
 
@@ -36,7 +36,7 @@ def split(requirement):
 
 
 def recipe(section):
-    """Requirements of the recipe, expressions of its context replaced."""
+    """Requirements of the recipe, with the expressions of its context replaced."""
     found = set()
     for entry in RECIPE["requirements"][section]:
         if isinstance(entry, str):
@@ -63,14 +63,14 @@ def listed():
 
 
 def test_version():
-    """Of recipe and changelog; those of CITATION.cff and CHANGELOG.md are in test_docs.py."""
+    """Recipe and changelog have the version; CITATION.cff and CHANGELOG.md are in test_docs.py."""
     assert RECIPE["context"]["version"] == qs.__version__
     changelog = (ROOT / "packaging/debian/changelog").read_text(encoding="utf-8")
     assert re.match(r"qsdolfinx \(([^-]*)-\d+\) ", changelog)[1] == qs.__version__
 
 
 def test_recipe_has_what_pyproject_names():
-    """The same names with the same bounds, to build and to run."""
+    """The recipe has the names and bounds of pyproject.toml, to build and to run."""
     run = {split(requirement) for requirement in PROJECT["project"]["dependencies"]}
     assert run <= recipe("run")
     assert {name for name, _ in recipe("run")} - {name for name, _ in run} == {"python", "petsc"}
@@ -94,7 +94,7 @@ def test_debian_has_what_pyproject_names():
 
 
 def test_debian_has_what_is_listed():
-    """Packages of control are those of debian-packages.txt, which the tests run with."""
+    """Packages in control are those of debian-packages.txt, which the tests use."""
     packages = listed()
     assert {"runtime", "build", "test", "lint", "pictures"} <= set(packages)
     built = control("Build-Depends")
@@ -124,11 +124,11 @@ def test_missing_dolfinx_is_said_in_one_line(monkeypatch):
         message = end.value.code
         assert "no dolfinx:" in message and "\n" not in message
         assert DEBIAN["fenics-dolfinx"] in message and "--no-build-isolation" in message
-    module.get_requires_for_build_sdist({})  # needs none of them
+    module.get_requires_for_build_sdist({})  # needs none of these packages
 
 
 def test_present_dolfinx_is_found():
-    """With all that is needed the hook is scikit-build-core's."""
+    """If all requirements are present, the hook is that of scikit-build-core."""
     if importlib.util.find_spec("nanobind") is None:
         pytest.skip("no nanobind")
     assert isinstance(backend().get_requires_for_build_wheel({}), list)
@@ -140,7 +140,7 @@ def test_backend_is_the_one_in_pyproject():
 
 
 def test_paper_cites_what_is_in_its_bibliography():
-    """Every key exists, and every entry is cited, with a place to find it."""
+    """Every cited key exists; every entry is cited, and has a place to find it."""
     text = (ROOT / "paper/paper.md").read_text(encoding="utf-8")
     bibliography = (ROOT / "paper/paper.bib").read_text(encoding="utf-8")
     entries = dict(re.findall(r"^@\w+{(\w+),\n(.*?)^}", bibliography, re.MULTILINE | re.DOTALL))
@@ -156,7 +156,7 @@ def test_paper_has_the_authors_of_the_citation():
 
 
 def faults(formula):
-    """What docs/katex.py says of a formula."""
+    """Faults that docs/katex.py finds in a formula."""
     sys.path.insert(0, str(ROOT / "docs"))
     try:
         module = pytest.importorskip("katex", reason="no docutils or Sphinx")
@@ -166,7 +166,7 @@ def faults(formula):
 
 
 def test_faulty_formulas_are_found():
-    """Those that the site's build has to end with."""
+    """Faulty formulas, which must stop the build of the site, are found."""
     assert faults(r"\frac{1}{2} \left[ x \right]_+ \{y\}") == []
     assert faults(r"\frac{1}{2") == faults("}{") == ["braces do not match"]
     assert faults(r"\left( x") == [r"\left without \right"]

@@ -1,11 +1,11 @@
-"""Tests use what is public: names that begin with an underscore stay with their owners."""
+"""Tests use public names only: names with a leading underscore stay in their module."""
 
 import ast
 import pathlib
 
 TESTS = pathlib.Path(__file__).resolve().parents[1]
 
-#: What named tuples document, and what DOLFINx's partitioners have to return.
+#: Names that named tuples document, and that DOLFINx's partitioners have to return.
 PUBLIC = {"_asdict", "_fields", "_replace", "_cpp_object"}
 
 #: Functions that take a name as a string.
@@ -13,7 +13,7 @@ BY_NAME = {"getattr", "hasattr", "setattr", "delattr"}
 
 
 def private_names(source):
-    """Private names that are used of other objects than ``self``, with their lines."""
+    """Private names of objects other than ``self`` that are used, with their lines."""
     for node in ast.walk(ast.parse(source)):
         names = []
         if isinstance(node, ast.Attribute):

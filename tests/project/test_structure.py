@@ -1,4 +1,4 @@
-"""The rules of the house, read off the sources: see docs/design.md."""
+"""Rules for the structure of the sources: see docs/design.md."""
 
 import ast
 import json
@@ -12,7 +12,7 @@ from scenes import WORLD
 
 ROOT = pathlib.Path(__file__).resolve().parents[2] / "qsdolfinx"
 
-#: What a folder or module may import of those before it; what shares a floor does not meet.
+#: Layers from low to high: a folder or module may import those before it, not from its own layer.
 FLOORS = (
     ("_cpp",),
     ("base", "compat"),
@@ -35,7 +35,7 @@ TREES = {path: ast.parse(path.read_text()) for path in FILES}
 
 
 def room(path):
-    """Folder, or module of the package itself."""
+    """Name of the folder, or of the module directly in the package."""
     first = path.relative_to(ROOT).parts[0]
     return first.removesuffix(".py")
 
@@ -68,7 +68,7 @@ def test_imports_run_downwards():
 
 
 def test_no_circles_within_a_folder():
-    """Nor anywhere else: each module can be imported by itself."""
+    """There are no circular imports: each module can be imported by itself."""
     modules = {path: ".".join(("qsdolfinx", *path.relative_to(ROOT).with_suffix("").parts))
                for path in FILES if path.name != "__init__.py"}  # fmt: skip
     of = {
@@ -88,7 +88,10 @@ def test_no_circles_within_a_folder():
 
 
 def test_no_class_continues_in_another_file():
-    """Interfaces with several implementations, errors and laws are meant to be derived from."""
+    """Classes do not derive from classes of other files.
+
+    Interfaces with several implementations, errors and laws are exceptions.
+    """
     where = {
         node.name: path
         for path, tree in TREES.items()
@@ -110,7 +113,7 @@ def test_no_class_continues_in_another_file():
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_private_names_stay_in_their_file(path):
-    """An object's ``_name`` is for its own class and for what is in the same file."""
+    """An object's ``_name`` is used by its own class and within the same file only."""
     classes = {node.name for node in ast.walk(TREES[path]) if isinstance(node, ast.ClassDef)}
     own = {
         node.attr
@@ -119,7 +122,7 @@ def test_private_names_stay_in_their_file(path):
         and isinstance(node.value, ast.Name)
         and node.value.id in {"self", "cls", *classes}
     }
-    foreign = {"_asdict", "_replace", "_fields", "_cpp_object"}  # Python's, and DOLFINx's
+    foreign = {"_asdict", "_replace", "_fields", "_cpp_object"}  # of Python and DOLFINx
     found = [
         f"line {node.lineno}: {ast.unparse(node)}"
         for node in ast.walk(TREES[path])
@@ -132,7 +135,10 @@ def test_private_names_stay_in_their_file(path):
 
 
 def test_a_demo_is_read_from_top_to_bottom():
-    """Of each program 150 lines at most; bodies, pictures, tables and files are beside it."""
+    """Each program has at most 150 lines.
+
+    Bodies, pictures, tables and files are in other modules beside it.
+    """
     texts = {path.name: path.read_text() for path in ROOT.parent.glob("demos/*.py")}
     lines = {name: text.count("\n") for name, text in texts.items() if "__main__" in text}
     assert len(lines) >= 10
@@ -140,7 +146,7 @@ def test_a_demo_is_read_from_top_to_bottom():
 
 
 def test_importing_changes_nothing():
-    """In a clean interpreter, once DOLFINx is there."""
+    """Importing the package changes nothing in a clean interpreter, after DOLFINx is imported."""
     if WORLD.rank > 0:
         return
     program = """

@@ -1,4 +1,4 @@
-"""The types of the extension, qsdolfinx/_cpp.pyi, are what nanobind prints of it.
+"""The types of the extension, qsdolfinx/_cpp.pyi, are those that nanobind prints.
 
 After a change of the bindings: ``python3 tests/project/test_stub.py > qsdolfinx/_cpp.pyi`` and
 ``make format``.
@@ -21,7 +21,7 @@ def generated() -> str:
 
 
 def declarations(text):
-    """Classes and functions by name: versions of nanobind differ in their order."""
+    """Classes and functions by name, because their order depends on the version of nanobind."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):

@@ -1,4 +1,4 @@
-"""Workflows, image and Makefile fit together."""
+"""Workflows, container image and Makefile are consistent."""
 
 import json
 import pathlib
@@ -17,7 +17,7 @@ def text(name):
 
 
 def workflows():
-    """The repository's workflows, and those that docs/ci.md shows."""
+    """The workflows of the repository, and those shown in docs/ci.md."""
     found = {p.name: p.read_text(encoding="utf-8") for p in ROOT.glob(".github/workflows/*.yml")}
     shown = re.findall(r"^```yaml\n(.*?)^```$", text("docs/ci.md"), re.MULTILINE | re.DOTALL)
     return found | {f"docs/ci.md, {i}": code for i, code in enumerate(shown)}
@@ -27,7 +27,7 @@ WORKFLOWS = workflows()
 
 
 def commands(workflow):
-    """All that its steps run."""
+    """All commands that the steps of a workflow run."""
     jobs = yaml.safe_load(workflow)["jobs"].values()
     return [step["run"] for job in jobs for step in job["steps"] if "run" in step]
 
@@ -38,7 +38,7 @@ def targets():
 
 
 def unknown_targets(workflow):
-    """Targets that a workflow makes and the Makefile does not have."""
+    """Make targets in a workflow that are not in the Makefile."""
     made = {t for c in commands(workflow) for t in re.findall(r"\bmake ([\w-]+)", c)}
     return {t for t in made if t not in targets() and not re.fullmatch(r"test-\d", t)}
 
@@ -49,7 +49,7 @@ def test_there_are_some():
 
 @pytest.mark.parametrize("name", WORKFLOWS)
 def test_workflow(name):
-    """It parses, has jobs that can run and end, and names what is there."""
+    """A workflow parses, has jobs with a runner and a time limit, and names existing files."""
     parsed = yaml.safe_load(WORKFLOWS[name])
     assert parsed["name"] and (True in parsed or "on" in parsed)  # YAML 1.1: on is true
     assert parsed["permissions"] == {"contents": "read"}
@@ -77,7 +77,7 @@ def test_repository_workflow_makes_lint_and_test():
 
 
 def test_image():
-    """Its default command is that of `make demo`, it is no root's, and it has the labels."""
+    """The image runs the command of `make demo` by default, not as root, and has the labels."""
     dockerfile = text("Dockerfile")
     demo = re.search(r"^DEMO = (.*)$", text("Makefile"), re.MULTILINE)[1].split()
     assert json.loads(re.search(r"^CMD (.*)$", dockerfile, re.MULTILINE)[1]) == demo
@@ -93,7 +93,7 @@ def test_image():
 
 
 def test_package_sections():
-    """The sections that the Dockerfile takes exist, and lint is the only other one."""
+    """The sections used in the Dockerfile exist; lint is the only other section."""
     headings = re.findall(r"\n\n# (\w+)", text("debian-packages.txt"))
     default = re.search(r'^ARG SECTIONS="(.*)"$', text("Dockerfile"), re.MULTILINE)[1].split()
     assert set(headings) == SECTIONS and set(default) == SECTIONS - {"lint"}

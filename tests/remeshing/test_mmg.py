@@ -1,4 +1,4 @@
-"""MMG as the mesher: what it is given, what is made of what it writes, and how it fails."""
+"""MMG as the mesher: its input, the use of its output, and its failures."""
 
 import importlib.metadata
 import os
@@ -19,7 +19,7 @@ pytest.importorskip("gmsh")
 
 installed = pytest.mark.skipif(mmg.program() is None, reason="MMG is not installed")
 
-#: A mesher that leaves the mesh as it is; {change} stands for what else it does.
+#: A mesher that leaves the mesh as it is; {change} stands for other commands of it.
 SAME = """#!/bin/sh
 while [ $# -gt 1 ]; do
     if [ "$1" = -out ]; then out=$2; fi
@@ -31,7 +31,7 @@ done
 
 @pytest.fixture
 def program(tmp_path, monkeypatch):
-    """Puts a program in the place of MMG's."""
+    """Replace the program of MMG."""
 
     def put(change):
         path = tmp_path / "mmg3d"
@@ -44,7 +44,7 @@ def program(tmp_path, monkeypatch):
 
 
 def cylinder():
-    """A quarter of a cylinder with waves, and tags of the planes."""
+    """A quarter of a cylinder with a wavy surface, and tags of the planes."""
     msh = quarter_cylinder(WORLD, 10.0, 0.0, 6.0, 2.5)
     bump(msh, 0.2, 6.0)
     return msh, tagged(msh, [(0, 0.0), (1, 0.0), (2, 0.0)])
@@ -58,7 +58,7 @@ def corner(msh):
 
 
 def test_a_mesh_that_stays_is_the_same_mesh(program):
-    """What is written is what is read: nodes, cells, tags, and a boundary on the old one."""
+    """A mesh that MMG leaves unchanged stays the same: nodes, cells, tags and boundary."""
     program('cp "$1" "$out"')
     msh, tags = cylinder()
     made = qs.remesh(msh, 2.5, tags, mesher="mmg")
@@ -76,7 +76,10 @@ def test_a_mesh_that_stays_is_the_same_mesh(program):
 
 
 def test_nodes_off_the_old_boundary_are_put_on_it(program):
-    """A mesher that shifts all nodes by 1e-3 along x: corners, lines, planes and the skin."""
+    """If a mesher shifts all nodes by 1e-3 along x, they are moved back to the old boundary.
+
+    These are nodes at corners, and on lines, planes and the curved skin.
+    """
     shifted = 'NF == 4 && $4 == 0 { printf "%.17g %s %s 0\\n", $1 + 1e-3, $2, $3; next }'
     program(f'awk \'{shifted} {{ print }}\' "$1" > "$out"')
     msh, tags = cylinder()
@@ -84,7 +87,7 @@ def test_nodes_off_the_old_boundary_are_put_on_it(program):
     assert np.isclose(volume(made.mesh), volume(msh), rtol=1e-12)
     for tag in (1, 2, 3):
         assert np.all(nodes_on(made, tag)[:, tag - 1] == 0.0)
-    # Not put back, the skin would enclose 1e-4 more, and nodes would be shifted by 4e-4.
+    # Without moving them back, the skin would enclose 1e-4 more, with a shift of nodes by 4e-4.
     assert abs(made.report.unrestored) < 5e-5 and made.report.shift < 1e-4
     assert np.allclose(corner(made.mesh), corner(msh), rtol=0, atol=1e-9)
 
@@ -161,7 +164,7 @@ def test_upsetting_goes_on_as_on_one_mesh():
 
 
 def test_program_of_the_python_package(tmp_path, monkeypatch):
-    """The compiled program in mmgpy is found without a PATH, its Python script is not taken."""
+    """The compiled program in mmgpy is found without a PATH; its Python script is not used."""
 
     class Folder:
         def __init__(self, path):

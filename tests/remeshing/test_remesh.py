@@ -1,4 +1,4 @@
-"""New meshes: volumes, planes, lines, tags, sizes, and what no mesh can be made for."""
+"""Remeshing: volumes, planes, lines, tags, sizes, and bodies that cannot be meshed."""
 
 from mpi4py import MPI
 
@@ -61,7 +61,7 @@ def test_box_keeps_its_planes_edges_and_corners():
 
 
 def test_the_worst_cell_is_as_wanted():
-    """Of the meshes of the sizes that are tried the first that is good enough, or the best."""
+    """The first mesh that is good enough is used, or else the best mesh of all sizes tried."""
     msh = mesh.create_box(WORLD, [[0.0] * 3, [1.0, 1.1, 1.2]], [4, 4, 4])
     made = [qs.remesh(msh, factor * 0.22).report for factor in SIZES]
     first, best = made[0].quality, max(report.quality for report in made)
@@ -128,7 +128,7 @@ def all_values(u):
 
 
 def test_line_between_tags_is_kept():
-    """Tags change within a plane, where nothing is sharp."""
+    """The line where tags change within a plane is kept, although there is no sharp edge."""
     msh = mesh.create_unit_cube(WORLD, 4, 4, 4)
     msh.topology.create_connectivity(2, 3)
     facets = mesh.exterior_facet_indices(msh.topology)
@@ -167,7 +167,7 @@ def test_sizes_are_followed():
     size.interpolate(lambda x: 0.1 + 0.05 * x[0])
     by_field = qs.remesh(msh, size).report.num_cells
     by_points = qs.remesh(msh, lambda x: 0.1 + 0.05 * x[0]).report.num_cells
-    assert by_field == pytest.approx(by_points, rel=0.02)  # but for rounding
+    assert by_field == pytest.approx(by_points, rel=0.02)  # except for rounding
     assert coarse.num_cells < by_field < fine.num_cells
     assert qs.remesh(msh, [size, 0.1]).report.num_cells == fine.num_cells
 
@@ -205,11 +205,11 @@ def test_size_from_field():
     assert np.allclose(size.x.array[x[:, 0] > 0.55], 0.05)
 
 
-# --- What cannot be meshed
+# --- Bodies that cannot be meshed
 
 
 def test_boundary_through_itself_is_refused_with_the_place():
-    """A tongue of a body goes through its neighbour."""
+    """A tongue of a body that goes through its neighbour is refused, with the place."""
     msh = mesh.create_rectangle(WORLD, [[0, 0], [3, 3]], [12, 12])
     keep = mesh.locate_entities(
         msh, 2, lambda x: (x[0] < 1.01) | (x[1] < 1.01) | ((x[0] > 1.99) & (x[1] < 2.6))
@@ -252,7 +252,7 @@ def test_bad_arguments_are_named(arguments, text):
     ids=("lists", "numbers", "list-number", "function-number"),
 )
 def test_sizes_differ_between_ranks(sizes):
-    """All ranks raise, none waits."""
+    """Sizes that differ between ranks raise an error on all ranks, and no rank waits."""
     msh = mesh.create_unit_square(WORLD, 4, 4)
     with pytest.raises(ValueError, match="size"):
         qs.remesh(msh, sizes[min(WORLD.rank, 1)])

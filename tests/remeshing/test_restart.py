@@ -1,4 +1,4 @@
-"""Restart across new meshes, temperatures that go through them, and files with both."""
+"""Restart after remeshing, transfer of temperatures, and files with several meshes."""
 
 import pathlib
 import xml.etree.ElementTree
@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 
 
 class Heated(Upset):
-    """The billet with heat of its plastic work, which a cold lower die takes; K falls with T."""
+    """The billet with plastic heat, which flows into a cold lower die; K decreases with T."""
 
     c, cold, softening = 2.0, 20.0, 2e-3
 
@@ -47,7 +47,7 @@ class Heated(Upset):
         return problem, qs.Staggered(heat, [self.before], dt)
 
     def content(self):
-        """Heat of above 0 degrees."""
+        """Heat content above 0 degrees."""
         weight = materials.axisymmetric_weight(self.mesh) if self.dim == 2 else 1.0
         return integral(self.c * weight * self.before * ufl.dx)
 
@@ -57,7 +57,7 @@ def heated(dim=2, **options):
 
 
 def test_temperatures_go_on_as_on_one_mesh():
-    """With new meshes and without; a remeshing keeps the heat to rounding."""
+    """Temperatures with remeshing are those on one mesh; a remeshing keeps the heat to rounding."""
     alone, case = heated(), heated(remesh={"every": 3})
     forces = [one.run() for one in (alone, case)]
     assert len(case.stepper.remeshings) == 2
@@ -72,7 +72,7 @@ def test_temperatures_go_on_as_on_one_mesh():
 
 @pytest.mark.parametrize("dim", [2, pytest.param(3, marks=pytest.mark.long)])
 def test_restart_after_a_remeshing(folder, dim):
-    """From a checkpoint with another mesh than at first: as if it had gone on."""
+    """A restart from a checkpoint with a new mesh gives the results of an uninterrupted run."""
     case = heated(dim, remesh={"every": 3})
     steps = case.stepper.run(case.t_end)
     for _ in range(5):
@@ -91,7 +91,7 @@ def test_restart_after_a_remeshing(folder, dim):
     assert integral(again.strain * ufl.dx) == pytest.approx(total, rel=1e-12) and total > 0
     for _ in again.stepper.run(case.t_end):
         again.add_strain()
-    assert len(again.stepper.remeshings) == 1  # the one that was still to come
+    assert len(again.stepper.remeshings) == 1  # the remaining one
     forces = [one.contacts[1].force("slave")[-1] for one in (again, case)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-5)
     assert again.content() == pytest.approx(case.content(), rel=1e-7)
@@ -110,7 +110,7 @@ def test_checkpoint_without_new_meshes(folder):
 
 
 def test_film_through_new_meshes(folder):
-    """A .pvd file whose times have the cells of the mesh at that time."""
+    """In a .pvd file each time has the cells of the mesh at that time."""
     case = heated(remesh={"every": 3})
     writer = qs.FieldWriter(folder / "film.pvd", case.mesh, {"T": case.before})
     cells, written = [], case.mesh
@@ -131,7 +131,7 @@ def test_film_through_new_meshes(folder):
         )
         for entry in xml.etree.ElementTree.parse(folder / "film.pvd").iter("DataSet")
     ]
-    if WORLD.size == 1:  # others write cells of ghosts, too
+    if WORLD.size == 1:  # several ranks write ghost cells, too
         assert found == cells
     assert len(found) == len(cells)
 

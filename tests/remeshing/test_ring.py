@@ -1,4 +1,4 @@
-"""Ring compression through new meshes: bores and forces of the calibration curves stay."""
+"""Ring compression with remeshing: bores and forces of the calibration curves are kept."""
 
 import functools
 
@@ -22,11 +22,11 @@ SPEED, STEPS, REDUCTION, CELLS = 10.0, 16, 0.4, 8
 
 
 class Compression:
-    """The ring of the demo between rigid dies, all of its skin in contact with both.
+    """The ring of the demo between rigid dies; its whole boundary may touch both dies.
 
     Args:
-        m_bar: Friction factor, of the flow stress at the nominal rate; 0 for none.
-        every: Steps from a new mesh to the next; None for none.
+        m_bar: Friction factor, relative to the flow stress at the nominal rate; 0 for none.
+        every: Number of steps between remeshings; None for no remeshing.
     """
 
     def __init__(self, m_bar, every):
@@ -61,7 +61,7 @@ class Compression:
         qs.solve_with_continuation(self.stepper.problem, self.ring.m, M)
 
     def bore(self):
-        """Inner radius at mid height, between the nodes of the boundary. Collective."""
+        """Inner radius at mid height, interpolated between boundary nodes. Collective."""
         msh = self.ring.mesh
         middle = (HEIGHT - SPEED * self.stepper.t) / 2
         ends = msh.geometry.x[boundary_facets(msh)[1][:, :2]][:, :, :2]
@@ -90,12 +90,12 @@ def compressed(m_bar, every):
     "m_bar", [0.2, *(pytest.param(m, marks=pytest.mark.long) for m in (0.0, 0.6))]
 )
 def test_calibration_curves(m_bar):
-    """Bores to 0.5 % at each step, forces to 2.5 %."""
+    """Remeshing changes bores by at most 0.5 % at each step, and forces by 2.5 %."""
     bore, force, _ = compressed(m_bar, None)
     again, other, stepper = compressed(m_bar, 4)
     assert len(stepper.remeshings) == 3
     np.testing.assert_allclose(again, bore, rtol=5e-3)
-    np.testing.assert_allclose(other, force, rtol=0.025)  # a side folds a step later or sooner
+    np.testing.assert_allclose(other, force, rtol=0.025)  # a side folds a step later or earlier
     for report in stepper.remeshings:
         assert report.volume_change < 1e-8
     expected = 1 / np.sqrt(1 - REDUCTION)  # without friction

@@ -1,4 +1,4 @@
-"""Time steps through new meshes."""
+"""Time steps with remeshing."""
 
 import warnings
 
@@ -17,7 +17,7 @@ pytest.importorskip("gmsh")
 
 
 def state(case):
-    """All that a failed remeshing must leave as it was."""
+    """State that a failed remeshing must not change."""
     stepper = case.stepper
     arrays = [u.x.array for u in stepper.problem.u]
     arrays += [motion.mesh.geometry.x for motion in stepper.motions]
@@ -56,7 +56,7 @@ def test_upsetting_goes_on_as_on_one_mesh(dim, size, friction, within):
 
 @pytest.mark.several_ranks
 def test_forces_are_the_same_on_any_partition():
-    """On one rank and on all."""
+    """Forces with remeshing are the same on one rank and on all ranks."""
     alone, together = (
         Upset(2, 2.5, lambda: qs.Tresca(8.0), remesh={"every": 4}, comm=comm).run()
         for comm in (WORLD.Split(WORLD.rank), WORLD)
@@ -102,7 +102,7 @@ def test_distorted_mesh_is_replaced_before_a_step_fails():
 
 
 class Failing(Upset):
-    """An upsetting whose new problems are not what they should be."""
+    """An upsetting whose rebuilt problems have a fault."""
 
     fault = None
 
@@ -141,7 +141,10 @@ def test_what_fails_keeps_the_last_state(fault, error, text):
 
 
 def test_no_mesh_keeps_the_last_state():
-    """A node of the axis beyond the side: the boundary passes through itself."""
+    """If no mesh can be made, the state is kept.
+
+    A node of the axis lies beyond the side, so the boundary intersects itself.
+    """
     case = Upset(2, 2.5, remesh={"min_quality": None})
     case.stepper.step()
     motion = case.stepper.motions[0]
@@ -172,7 +175,7 @@ def test_wrong_settings_are_refused():
 
 
 def test_a_jump_of_forces_is_told():
-    """Cells that are much larger have forces of their own."""
+    """A warning is given if forces change by remeshing, as with much larger cells."""
     case = Upset(2, 1.25, lambda: qs.Tresca(20.0), remesh={"min_quality": None})
     for _ in range(3):
         case.stepper.step()
@@ -185,7 +188,7 @@ def test_a_jump_of_forces_is_told():
 
 
 class OnDie:
-    """A viscous block pressed on a wider elastic die, plane strain; only the block flows."""
+    """A viscous block pressed on a wider elastic die, plane strain; the block alone flows."""
 
     def __init__(self, remesh=None):
         self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])

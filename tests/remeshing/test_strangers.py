@@ -1,4 +1,4 @@
-"""What a stranger found: voids, parts, places far away, what is refused."""
+"""Cases that an outside tester found: voids, parts, large coordinates, and refused input."""
 
 from mpi4py import MPI
 
@@ -16,7 +16,7 @@ pytest.importorskip("gmsh")
 
 
 def drawn(gdim, draw, size):
-    """A mesh of what gmsh's OpenCASCADE kernel is told to draw."""
+    """A mesh of a body that is drawn with gmsh's OpenCASCADE kernel."""
     import gmsh
 
     gmsh.initialize(["", "-v", "0"])
@@ -76,7 +76,7 @@ def part_with_a_hole(occ):
     ],
 )
 def test_parts_and_voids(gdim, draw, size):
-    """What the cells fill is as much as before, and all tags are there."""
+    """Remeshing keeps the volume of the cells, and all tags."""
     msh, tags = drawn(gdim, draw, size)
     made = qs.remesh(msh, size, tags)
     assert volume(made.mesh) == pytest.approx(volume(msh), rel=1e-9)
@@ -97,7 +97,7 @@ def test_far_from_the_origin(offset):
 
 @pytest.mark.parametrize("gradation", [0.5, None])
 def test_fine_corner(gradation):
-    """Sizes on the boundary are those asked for, within a coarse segment, too."""
+    """Sizes on the boundary are the requested ones, also within a coarse segment."""
     msh = box(WORLD, (6, 6), "triangle", [0.0, 0.0], [2.0, 2.0])
 
     def size(x):
@@ -153,7 +153,10 @@ def test_what_callbacks_return(options, text):
 
 
 def test_fields_of_the_old_mesh():
-    """That a program returns again after build would be lost there."""
+    """Fields of the old mesh that are returned after build are refused.
+
+    The new problem would lose them.
+    """
     case = Upset(2, 3.0, remesh={})
     old = case.strain
     case.stepper.remeshing.fields = lambda: {"strain": old}
@@ -163,7 +166,7 @@ def test_fields_of_the_old_mesh():
 
 
 def test_tagged_box():
-    """Cells are about as large as asked for."""
+    """Cells are about as large as requested."""
     msh = box(WORLD, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
     made = qs.remesh(msh, 0.1, tagged(msh, [(0, 0.0)]))
     assert 150 < num_cells(made.mesh) < 400
@@ -171,7 +174,7 @@ def test_tagged_box():
 
 @pytest.mark.parametrize("partition", ["first", "last"])
 def test_ranks_without_cells(partition):
-    """Meshes that one rank has alone, before and after: a linear field goes over exactly."""
+    """Transfer works for meshes that one rank has alone: a linear field is transferred exactly."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0], partition)
     made = qs.remesh(msh, 0.3, tagged(msh, [(0, 0.0)]), axisymmetric=True)
     T = fem.Function(fem.functionspace(msh, ("Lagrange", 1)))

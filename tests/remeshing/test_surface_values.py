@@ -1,4 +1,4 @@
-"""Values on contact surfaces: what the overlay of old and new facets keeps."""
+"""Values on contact surfaces: integrals that the overlay of old and new facets preserves."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ pytest.importorskip("gmsh")
 
 
 def surfaces(dim, axisymmetric=False):
-    """The top of a body on two meshes."""
+    """Surfaces at the top of a body on two meshes."""
     if dim == 2:
         meshes = [mesh.create_rectangle(WORLD, [[0, 0], [2, 1]], [n, 2]) for n in (7, 10)]
     else:
@@ -49,7 +49,10 @@ def test_same_surface_keeps_its_values(dim):
 
 
 def test_curved_surface():
-    """New nodes are on the old facets, new facets are chords of these: areas are not the same."""
+    """On a curved surface integrals are kept approximately.
+
+    New nodes lie on the old facets, and new facets are chords, so areas differ.
+    """
     msh = quarter_cylinder(WORLD, 10.0, 0.0, 6.0, 1.5)
     tags = tagged(msh, [(0, 0.0), (1, 0.0), (2, 0.0), (2, 6.0)])
     bump(msh, 0.3, 6.0)

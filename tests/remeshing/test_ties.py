@@ -1,4 +1,4 @@
-"""New meshes do not depend on rounding, nor on how the old mesh is cut into parts."""
+"""New meshes do not depend on rounding or on the partition of the old mesh."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ pytest.importorskip("gmsh")
 
 
 def block(comm, n, bulge=0.1):
-    """A block as it is pressed, with several symmetries."""
+    """A pressed block with several symmetries."""
     msh = mesh.create_box(comm, [[0, 0, 0], [10, 10, 8]], n)
     x = msh.geometry.x
     x[:, :2] *= 1 + bulge * np.sin(np.pi * x[:, 2:] / 8)
@@ -22,7 +22,7 @@ def block(comm, n, bulge=0.1):
 
 
 def cube(comm, n, turn=0.0):
-    """A cube with planes across axes, or across none."""
+    """A cube with planes normal to the axes, or tilted."""
     msh = mesh.create_unit_cube(comm, n, n, n)
     turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     for columns in (slice(0, 2), slice(1, 3)):
@@ -31,7 +31,7 @@ def cube(comm, n, turn=0.0):
 
 
 def bracket(comm):
-    """An L, whose re-entrant edge is one of the lines that are kept."""
+    """An L-shaped body; its re-entrant edge is one of the lines that are kept."""
     msh = mesh.create_box(comm, [[0, 0, 0], [2, 2, 1]], [4, 4, 2])
     msh.topology.create_connectivity(3, 3)
     inside = mesh.locate_entities(msh, 3, lambda x: (x[0] < 1.01) | (x[1] < 1.01))
@@ -48,7 +48,7 @@ def section(comm, n, width, height, bulge):
     return msh
 
 
-#: Bodies, and sizes of which many edges are as long as others, or half-way between two numbers.
+#: Bodies, and sizes for which many edges have equal lengths, or lie half-way between two numbers.
 SCENES = {
     "block": (lambda comm: block(comm, [3, 3, 3]), 3.5),
     "turned cube": (lambda comm: cube(comm, 4, 0.5), 0.3),
@@ -80,7 +80,7 @@ LONG = [pytest.param(*scene, id=name, marks=pytest.mark.long) for name, scene in
     ("body", "size"), [*(pytest.param(*scene, id=name) for name, scene in SCENES.items()), *LONG]
 )
 def test_rounding_does_not_decide(body, size):
-    """What solvers leave of an error, which changes with the number of ranks, chooses no cells."""
+    """Small solver errors, which depend on the number of ranks, do not change the cells."""
     first = qs.remesh(body(WORLD.Split(WORLD.rank)), size).mesh
     for noise in (1e-9, -1e-9, 3e-10):
         msh = body(WORLD)
@@ -96,7 +96,10 @@ def test_rounding_does_not_decide(body, size):
 @pytest.mark.parallel
 @pytest.mark.parametrize("kind", ["sizes of cells", "refined"])
 def test_numbers_that_the_parts_have_do_not_decide(kind):
-    """A size that jumps from cell to cell, and nodes of a mesh that was refined where it is."""
+    """Local numbering does not change the cells.
+
+    Cases: a size that jumps between cells, and a mesh that was refined in parallel.
+    """
 
     def make(comm):
         msh = mesh.create_unit_cube(comm, 3, 3, 3)
@@ -112,7 +115,7 @@ def test_numbers_that_the_parts_have_do_not_decide(kind):
 
 
 def test_angles_that_are_just_those_asked_for():
-    """Facets that turn by the feature angle, whatever rounding says, do not turn by more."""
+    """Facets at exactly the feature angle are not sharp, whatever the rounding."""
     counts = set()
     for noise in (0.0, 1e-9, -1e-9):
         msh = mesh.create_rectangle(WORLD, [[1, 0], [2, 6]], [1, 6])

@@ -1,4 +1,4 @@
-"""Fields on another mesh: rates, bounds, integrals."""
+"""Transfer of fields to another mesh: rates, bounds, integrals."""
 
 from mpi4py import MPI
 
@@ -24,7 +24,7 @@ def exact(msh):
 
 
 def two(dim, n):
-    """Two meshes of the same body, which have nothing in common."""
+    """Two meshes of the same body that have no nodes or cells in common."""
     create = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
     first, second = (create(WORLD, *([k] * dim)) for k in (3 * n, 4 * n + 1))
     x = second.geometry.x
@@ -33,7 +33,7 @@ def two(dim, n):
 
 
 def moved(msh, V, function):
-    """The function on the space of another mesh, and its L2 error there."""
+    """The function transferred to another mesh, and its L2 error there."""
     found = qs.transfer(function, V)
     return found, np.sqrt(integral((found - exact(msh)) ** 2 * ufl.dx))
 
@@ -63,7 +63,7 @@ def test_mixed_spaces_keep_what_is_linear(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_body_at_rest_changes_by_interpolation_alone(dim):
-    """New cells of the old size: what a field is there differs by O(h²)."""
+    """Remeshing with the old size changes a field by O(h²), its interpolation error."""
     pytest.importorskip("gmsh")
     errors, counts = [], []
     for n in (3, 6) if dim == 3 else (5, 10):
@@ -73,7 +73,7 @@ def test_a_body_at_rest_changes_by_interpolation_alone(dim):
         new, _, report = qs.remesh(old, 1 / n)
         assert abs(report.volume_change) < 1e-12 and report.shift == 0
         errors.append(moved(new, fem.functionspace(new, ("Lagrange", 1)), f)[1])
-        counts.append(report.num_cells)  # which are h⁻² in 2D and h⁻³ in 3D
+        counts.append(report.num_cells)  # h⁻² in 2D and h⁻³ in 3D
     assert dim * np.log(errors[0] / errors[1]) / np.log(counts[1] / counts[0]) > 1.7
 
 
@@ -84,7 +84,7 @@ def elements(msh, kind, shape=()):
 
 
 def of_points(msh, kind):
-    """Integrals over the points of a space that holds values there."""
+    """Measure that integrates over the points of a space with point values."""
     metadata = {"quadrature_degree": 2, "quadrature_scheme": "default"}
     return ufl.Measure("dx", domain=msh, metadata=metadata)
 
@@ -122,7 +122,7 @@ def test_a_jump_makes_no_overshoots(kind):
 
 @pytest.mark.parametrize("kind", ["cells", "points"])
 def test_each_component_of_a_tensor_and_rings(kind):
-    """The integral over rings, that of a tensor's every component."""
+    """The integral over rings is kept for each component of a tensor."""
     old, new = two(2, 3)
     f = fem.Function(fem.functionspace(old, elements(old, kind, (2, 2))))
     f.interpolate(lambda x: np.stack([smooth(x), x[0], x[1] ** 2, 1 + 0 * x[0]]))
@@ -137,7 +137,10 @@ def test_each_component_of_a_tensor_and_rings(kind):
 
 
 def test_points_beside_the_old_mesh_continue_its_cells():
-    """The old boundary has chords where the new one is an arc."""
+    """Values at points outside the old mesh are extrapolated from its cells.
+
+    The old boundary has chords where the new boundary is an arc.
+    """
     old, new = mesh.create_unit_square(WORLD, 4, 4), mesh.create_unit_square(WORLD, 11, 11)
     for msh in (old, new):
         x = msh.geometry.x
@@ -181,7 +184,7 @@ def test_spaces_of_another_kind_are_refused():
 
 @pytest.mark.parallel
 def test_cells_on_any_number_of_ranks():
-    """Points on faces between old cells take the same values wherever the mesh is cut."""
+    """Points on faces between old cells get the same values on any partition."""
     found = []
     for comm in (MPI.COMM_SELF, WORLD):
         msh = mesh.create_box(comm, [[0.0] * 3, [1.0] * 3], [5, 5, 5])

@@ -1,4 +1,4 @@
-"""One Newton's method on bodies, multipliers and tools: ranks, driven tools, failures."""
+"""Monolithic Newton's method for bodies, multipliers and tools: ranks, driven tools, failures."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SOFT = {"enforcement": "penalty"}
 
 
 def pressed(options, shifts=(0.0, 0.02, 0.05), comm=WORLD, **kwargs):
-    """Displacements of the blocks, and the last force, after presses and drags; iterations."""
+    """Press and drag the blocks; returns displacements, the last force, and iterations."""
     pair = Pair("triangle", contact_options=options, comm=comm, wave=0.02, **kwargs)
     value = np.array([0.0, -0.05])
     load = fem.Constant(pair.meshes[1], value)
@@ -33,14 +33,14 @@ def pressed(options, shifts=(0.0, 0.02, 0.05), comm=WORLD, **kwargs):
 
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 def test_ranks_do_not_matter(sliding):
-    """One rank and all find the same."""
+    """The contact force does not depend on the number of ranks."""
     options = EXACT | {"friction": qs.Coulomb(0.3), "sliding": sliding}
     forces = [pressed(options, comm=comm)[1] for comm in (WORLD, WORLD.Split(WORLD.rank))]
     assert largest(forces[0] - forces[1]) < 1e-9 * largest(forces[1])
 
 
 def test_driven_tool():
-    """Its displacement is an unknown: the contact force balances the one that drives it."""
+    """The tool's displacement is an unknown: the contact force balances the driving force."""
     pair = Pair("hexahedron")
     tool = qs.RigidSurface.plane(WORLD, np.zeros(3), [0.0, 0.0, 1.0])
     tool.drive(0.02, [0.0, 0.0, 1.0])
@@ -52,7 +52,7 @@ def test_driven_tool():
 
 
 def test_a_failed_solve_leaves_everything():
-    """Nothing balances a load that lifts a block off the tool: unknowns are as before."""
+    """If a load lifts a block off the tool, the solve fails and the unknowns are as before."""
     pair = Pair("triangle")
     load = fem.Constant(pair.meshes[1], -1.0)
     v = ufl.TestFunction(pair.V[1])

@@ -1,4 +1,4 @@
-"""Augmented Lagrangian: closed gaps at any penalty, multipliers that are kept."""
+"""Augmented Lagrangian: gaps are closed at any penalty, and multipliers are kept between solves."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def scene(cell="quadrilateral", penalty=30.0, law=None, solver="direct", **optio
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_default(formulation):
-    """Wherever there is one; multipliers on both sides have none."""
+    """Augmented Lagrangian is the default, except for multipliers on both sides (double-pass)."""
     pair = Pair("triangle", formulation)
     assert pair.contact.settings.quadrature == "overlay"
     both = formulation == "double-pass"
@@ -48,7 +48,7 @@ def test_default(formulation):
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 @pytest.mark.parametrize("solver", ("direct", "amg"))
 def test_small_loads(law, solver):
-    """Blocks that touch are as stiff under any load: gaps that stay become small as well."""
+    """Touching blocks are equally stiff under any load: the remaining gaps become small as well."""
     loads, stiffness = np.array([-1e-2, -1e-5, -1e-8]), []
     for load in loads:
         pair = Pair("hexahedron", law=law(), n=(5, 4), penalty="auto", load=load)
@@ -59,10 +59,10 @@ def test_small_loads(law, solver):
 
 
 def quarter_on_plate(ratio, swap=False, solver="direct", **options):
-    """A tied quarter of a block, its planes of symmetry held, that is pressed on a stiffer plate.
+    """A tied quarter of a block with symmetry conditions, pressed on a stiffer plate.
 
     Returns:
-        The contact, the problem, solved.
+        The contact and the solved problem.
     """
     F, u, bcs, surfaces = [], [], [], []
     boxes = ((6, [0.0] * 3, [1.0] * 3, 1.0, ratio), (4, [0.1, 0.1, 1.0], [0.87, 0.87, 2.0], 2.0, 1))
@@ -86,11 +86,14 @@ def quarter_on_plate(ratio, swap=False, solver="direct", **options):
 @pytest.mark.parametrize("swap", (False, True))
 @pytest.mark.parametrize("ratio", (1e3, 1e6))
 def test_ties_of_held_nodes_to_a_stiff_body(ratio, swap, solver):
-    """Only the stiff one gives way where conditions hold the other, to large forces."""
+    """Forces are correct where conditions hold tied nodes.
+
+    Only the stiff body deforms there, under large forces.
+    """
     exact = quarter_on_plate(1e3, swap, gap_tolerance=1e-12)[0].force("slave")
     contact, _ = quarter_on_plate(ratio, swap, solver=solver)
     assert abs(exact[0]) > 0.01 * abs(exact[2])
-    np.testing.assert_allclose(contact.force("slave"), exact, rtol=5e-3)  # of the ratios alone
+    np.testing.assert_allclose(contact.force("slave"), exact, rtol=5e-3)  # stiffness ratios alone
     exact = quarter_on_plate(ratio, swap, gap_tolerance=1e-13)[0].force("slave")
     np.testing.assert_allclose(contact.force("slave"), exact, rtol=1e-4)
 
@@ -115,7 +118,7 @@ def test_gap_is_closed_at_any_penalty(cell, law):
 @pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
 @pytest.mark.parametrize("n", ((2, 6), (5, 4)))
 def test_any_penalty_will_do(n, law):
-    """However soft: multipliers are unknowns."""
+    """The force does not depend on the penalty, even if it is soft: multipliers are unknowns."""
     given = {"wave": 0.03, "n": n}
     forces = []
     for penalty in (1e3, 10.0, 0.05):
@@ -130,7 +133,7 @@ def test_any_penalty_will_do(n, law):
 
 
 def test_multipliers_are_kept():
-    """For the next solve and when contact pairs anew, but not after a reset."""
+    """Multipliers are kept for the next solve and by an update of the pairs, not after a reset."""
     pair, problem = scene()
     counts = []
     for step in ("first", "again", "paired anew", "reset"):
@@ -158,7 +161,7 @@ def test_failure_keeps_the_multipliers():
 
 
 def test_a_gap_that_cannot_be_closed_is_told():
-    """Below what rounding leaves of it."""
+    """A gap tolerance below the rounding of the gaps raises an error with GAP_NOT_CLOSED."""
     _, problem = scene(gap_tolerance=1e-30, solver="amg")
     error = raises_everywhere(WORLD, qs.ConvergenceError, "GAP_NOT_CLOSED", problem.solve)
     assert error.reason_name == "GAP_NOT_CLOSED"
@@ -166,7 +169,7 @@ def test_a_gap_that_cannot_be_closed_is_told():
 
 @pytest.mark.parametrize("solver", ("direct", "amg"))
 def test_loose_newton(solver):
-    """Gaps are closed whatever Newton's tolerance."""
+    """Gaps are closed at any tolerance of Newton's method."""
     pair, _ = scene("hexahedron")
     problem = pair.problem(solver=solver, petsc_options={"snes_rtol": 1e-4})
     problem.solve()

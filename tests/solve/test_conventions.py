@@ -1,4 +1,4 @@
-"""ContactProblem as DOLFINx's NonlinearProblem: lists or one, flat conditions, forms' options."""
+"""Conventions of DOLFINx's NonlinearProblem: one body or lists, flat conditions, form options."""
 
 from petsc4py import PETSc
 
@@ -22,7 +22,7 @@ import qsdolfinx as qs
 
 
 class Pressed:
-    """A square on a rigid plane, pressed at its top; E₀ may be a function."""
+    """A square on a rigid plane, pressed at its top; Young's modulus may be a Function."""
 
     def __init__(self, modulus=1.0, **options):
         msh = box(WORLD, [4, 4], "quadrilateral", [0, 0], [1, 1])
@@ -37,10 +37,10 @@ class Pressed:
 
 @pytest.mark.parallel
 def test_one_body_without_lists():
-    """The unknown comes back as it was given; E × strain × width is the force."""
+    """The unknown is returned as it was given; the force is E × strain × width."""
     case = Pressed(modulus=10.0)
     assert case.problem.solve() is case.u
-    # Uniaxial but for the clamp's Poisson effect, which nu = 0 has not.
+    # Uniaxial, except for the Poisson effect at the clamp, which is absent with nu = 0.
     np.testing.assert_allclose(case.contact.force("slave"), [0, 1.0], atol=1e-8)
     assert isinstance(case.problem.solver, PETSc.SNES)
     assert case.problem.linear_solver == "direct"
@@ -48,7 +48,7 @@ def test_one_body_without_lists():
 
 @pytest.mark.parallel
 def test_conditions_in_one_list():
-    """Whatever their order, they are those of the bodies on whose spaces they are."""
+    """Conditions in one list, in any order, are assigned to the bodies by their spaces."""
     pair = Pair("quadrilateral")
     qs.ContactProblem(pair.F, pair.u, [pair.contact], pair.bcs).solve()
     nested = [u.x.array.copy() for u in pair.u]
@@ -63,7 +63,7 @@ def test_conditions_in_one_list():
 
 @pytest.mark.parallel
 def test_conditions_that_fit_nowhere():
-    """Their entry in the list is named."""
+    """The error names the entry of a condition that fits no body."""
     pair, other = Pair("quadrilateral"), Pair("quadrilateral")
     with pytest.raises(ValueError, match="bcs: entry 0 is on the space of none of u"):
         qs.ContactProblem(pair.F, pair.u, [pair.contact], other.bcs[0])
@@ -72,7 +72,7 @@ def test_conditions_that_fit_nowhere():
 
 
 def test_options_of_forms(tmp_path):
-    """The compiler gets them: both forms are where it is told to leave them."""
+    """The form compiler gets the options: both forms are in the cache folder that they name."""
     tmp_path = WORLD.bcast(tmp_path)
     case = Pressed(jit_options={"cache_dir": tmp_path}, form_compiler_options={"epsilon": 1e-12})
     case.problem.solve()
@@ -83,7 +83,7 @@ def test_options_of_forms(tmp_path):
 
 @pytest.mark.skipif(not hasattr(mesh, "EntityMap"), reason="maps are objects from 0.10 on")
 def test_coefficients_on_a_mesh_of_some_cells():
-    """A modulus that is known on a sub-mesh of the body's cells."""
+    """The modulus may be a Function on a sub-mesh of the body's cells."""
     msh = box(WORLD, [4, 4], "quadrilateral", [0, 0], [1, 1])
     V = vector_space(msh)
     cells = np.arange(msh.topology.index_map(2).size_local, dtype=np.int32)
@@ -101,7 +101,10 @@ def test_coefficients_on_a_mesh_of_some_cells():
 
 @pytest.mark.parallel
 def test_names_of_before():
-    """``solver=`` is ``linear_solver=``; both are refused, and contacts of one name."""
+    """``solver=`` still means ``linear_solver=``.
+
+    Giving both is refused, and so are contacts with the same name.
+    """
     pair = Pair("quadrilateral")
     given = pair.F, pair.u, [pair.contact], pair.bcs
     with pytest.warns(DeprecationWarning, match="solver= is linear_solver= now"):
@@ -112,7 +115,7 @@ def test_names_of_before():
         WORLD, ValueError, text, lambda: qs.ContactProblem(*given, linear_solver="amg", **last)
     )
     last = {"of": pair.contact} if last else {}
-    surfaces, text = (pair.slave, pair.master), "mechanics: "  # of vectors others refuse it
+    surfaces, text = (pair.slave, pair.master), "mechanics: "  # other ranks refuse it for vectors
     raises_everywhere(
         WORLD, ValueError, text, lambda: qs.Contact(*surfaces, mechanics=pair.contact, **last)
     )
@@ -122,7 +125,7 @@ def test_names_of_before():
 
 
 def test_options_that_do_not_suit():
-    """DOLFINx' error, with the arguments that it may be of."""
+    """The error of DOLFINx names the arguments that may have caused it."""
     kinds, text = (TypeError, RuntimeError), "jit_options, entity_maps: one of them does not suit"
     with pytest.raises(kinds, match=text):
         Pressed(jit_options={"no such option": 1})

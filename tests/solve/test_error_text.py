@@ -1,4 +1,4 @@
-"""What a ConvergenceError says: three lines, with the reason, what may help, and where to read."""
+"""Text of a ConvergenceError: three lines with the reason, possible remedies, and where to read."""
 
 import pathlib
 
@@ -27,14 +27,14 @@ def test_three_lines():
     assert error.reason_name in reason and f"{error.residual_history[-1]:.3g}" in reason
     assert f"{len(error.residual_history) - 1} iterations" in reason
     assert "stabilisation=qs.Stabilisation()" in remedy and "look at loads" in remedy
-    assert "TimeStepper" not in remedy  # the bodies are linear: no step is small enough
+    assert "TimeStepper" not in remedy  # the bodies are linear: a smaller step does not help
     assert (ROOT / page.split()[1].rstrip(";")).exists()
     assert len(str(error)) < 700
 
 
 @pytest.fixture
 def rubber():
-    """A neo-Hookean block between a floor and a side that a load moves."""
+    """A neo-Hookean block between a floor and a top that moves with a prescribed displacement."""
     msh = box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u, factor, top = fem.Function(V), fem.Constant(msh, 1.0), fem.Constant(msh, (0.0, 0.0))
@@ -47,7 +47,7 @@ def rubber():
 
 
 def test_step_that_is_too_large(rubber):
-    """A cell turns inside out: the step is to blame, and smaller ones are what helps."""
+    """If a cell inverts, the error names the step as the cause; smaller steps help."""
     problem, top, _ = rubber
     top.value = (0.0, -1.05)
     with pytest.raises(qs.ConvergenceError, match=r"DIVERGED_FNORM_NAN|NANORINF") as caught:
@@ -66,7 +66,7 @@ def test_step_that_is_too_large(rubber):
 
 
 def test_form_that_is_not_finite(rubber):
-    """From the start: its coefficients are to blame."""
+    """If a form is not finite at the start, the error names its coefficients."""
     problem, top, factor = rubber
     top.value = (0.0, -0.01)
     problem.solve()
@@ -77,7 +77,7 @@ def test_form_that_is_not_finite(rubber):
 
 
 def test_few_iterations(rubber):
-    """Those that the user allows are named."""
+    """The error names the number of iterations that the user allows."""
     problem, top, _ = rubber
     problem.snes.setTolerances(max_it=1)
     top.value = (0.0, -0.3)

@@ -1,4 +1,4 @@
-"""Where Newton's method starts with bodies that nothing but contact holds under their loads."""
+"""Initial guess of Newton's method for loaded bodies that are supported by contact alone."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ import qsdolfinx as qs
 @pytest.mark.parametrize("gap", (0.0, 0.05, 0.3))
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_rests_at_once(cell, gap, slope):
-    """A block that can move up and down falls on a plane: Newton's first step is its last."""
+    """A block that can move vertically falls on a plane: Newton's method needs one step."""
     gdim = 2 if cell == "quadrilateral" else 3
     axis = gdim - 1
     msh = box(WORLD, [4] * axis + [3], cell, [0.0] * gdim, [1.0] * gdim, "scattered")

@@ -1,4 +1,4 @@
-"""Ctrl-C during solves and steps: all ranks stop, all is as before, and the next solve is right."""
+"""Ctrl-C during solves and steps: all ranks stop, the state is restored, the next solve works."""
 
 import functools
 import signal
@@ -18,7 +18,7 @@ from qsdolfinx.linear.stop import EVERY
 
 @pytest.fixture(autouse=True)
 def python_handler():
-    """Background jobs of a shell ignore Ctrl-C."""
+    """Set Python's handler of SIGINT, since background jobs of a shell ignore Ctrl-C."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     after = signal.signal(signal.SIGINT, before)
@@ -30,7 +30,7 @@ def last():
 
 
 def raised(call):
-    """Names of what the ranks raise."""
+    """Names of the exceptions that the ranks raise, None without one."""
     found = None
     try:
         call()
@@ -40,19 +40,19 @@ def raised(call):
 
 
 def press():
-    """Ctrl-C on one rank of those that there are."""
+    """Send Ctrl-C to the last rank."""
     if last():
         signal.raise_signal(signal.SIGINT)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_random_moments(name):
-    """Before each solve ends there is Ctrl-C on one rank or on all; few come at the very end."""
+    """Ctrl-C on one rank or on all ends the solve; at most one of the interrupts comes too late."""
     assert run(name, 3, 0)[0] <= 1
 
 
 def test_long_linear_solve():
-    """Krylov's method ends within a few iterations, and has its limit again afterwards."""
+    """The Krylov solver ends within a few iterations, and then has its iteration limit again."""
     options = {"ksp_type": "cg", "pc_type": "none", "ksp_rtol": 1e-10, "ksp_max_it": 5000}
     scene = Blocks(petsc_options=options, solver="auto")
     scene.set(1.0)
@@ -71,7 +71,7 @@ def test_long_linear_solve():
 
 
 def test_second_one_is_handled_at_once():
-    """A callback that hangs can be left, and the state before the step is put back."""
+    """A second Ctrl-C ends a callback that hangs, and the state before the step is restored."""
     case = Upset(drive=lambda t, dt: None)
     case.stepper.step()
     before, reached = case.state(), []
@@ -99,7 +99,7 @@ def test_second_one_is_handled_at_once():
     ],
 )
 def test_second_one_in_the_midst_of_assembly(solver, name):
-    """Even that leaves a problem that can be solved."""
+    """After a second Ctrl-C during assembly the problem can still be solved."""
     scene, twin = Blocks(solver=solver), Blocks(solver=solver)
     twin.set(1.0)
     twin.go()
@@ -124,14 +124,14 @@ def test_second_one_in_the_midst_of_assembly(solver, name):
 
 
 def owner_of(scene, name):
-    """Body 0 of its own methods, and the system of the others."""
+    """Object that has this method: body 0, or the system."""
     problem = scene.problem
     of_body = name in ("residual", "matrix", "symmetric_matrix")
     return problem.bodies[0] if of_body else problem.system
 
 
 def test_handler_of_the_program():
-    """It is called once, and if it does not raise the solve goes on."""
+    """The program's handler is called once; if it does not raise, the solve continues."""
     scene, twin, calls = Blocks(), Blocks(), []
     twin.set(1.0)
     twin.go()
@@ -159,7 +159,7 @@ def test_handler_of_the_program():
 
 
 def test_handler_that_raises_something_else():
-    """That rank raises it, the others KeyboardInterrupt."""
+    """The rank whose handler raises gets its exception, the others KeyboardInterrupt."""
     scene = Blocks()
     evaluate = scene.problem.bodies[0].residual
 
@@ -182,7 +182,7 @@ def test_handler_that_raises_something_else():
 
 
 def test_other_threads():
-    """Signals are the main thread's: a solve elsewhere leaves the handler alone."""
+    """Signals belong to the main thread: a solve in another thread does not change the handler."""
     scene, handlers = Blocks(), []
     evaluate = scene.problem.bodies[0].residual
 
@@ -201,7 +201,7 @@ def test_other_threads():
 
 
 def test_continuation():
-    """Ctrl-C in the midst of a path puts back the parameter, too."""
+    """Ctrl-C during a continuation also restores the parameter."""
     case = Upset(drive=lambda t, dt: None)
     case.tool.displacement = [0.0, -0.02]
     count, solve = [], case.problem.solve
@@ -224,12 +224,12 @@ def test_continuation():
 
 
 class Stop(Exception):
-    """The program's own."""
+    """Exception of the program itself."""
 
 
 @pytest.fixture
 def alarm():
-    """A handler of SIGALRM that raises, and how to send it on the last rank."""
+    """Install a SIGALRM handler that raises; yields a function that sends it on the last rank."""
 
     def handler(number, frame):
         raise Stop("late")
@@ -240,7 +240,7 @@ def alarm():
 
 
 def stops(call):
-    """All ranks raise: that with the alarm its own error, the others KeyboardInterrupt."""
+    """All ranks raise: the rank with the alarm its own error, the others KeyboardInterrupt."""
     assert raised(call) == ["KeyboardInterrupt"] * (WORLD.size - 1) + ["Stop"]
 
 
@@ -255,7 +255,10 @@ def stops(call):
     ],
 )
 def test_alarm_inside_of_petsc(alarm, solver, moment):
-    """What a handler raises waits for all ranks; then all is as before, and can be solved."""
+    """An exception from a handler is raised on all ranks together.
+
+    Then the state is as before, and the problem can be solved.
+    """
     options = {"enforcement": "augmented-lagrangian"} if solver == "amg" else {}
     scene, twin = Blocks(solver=solver, **options), Blocks(solver=solver, **options)
     on = [True]
@@ -293,7 +296,7 @@ def test_alarm_inside_of_petsc(alarm, solver, moment):
 @pytest.mark.parametrize("error", (Stop("own"), KeyboardInterrupt("own"), SystemExit(3)))
 @pytest.mark.parametrize("of", ("snes", "ksp"))
 def test_monitors_that_raise(of, error):
-    """A monitor of the user's own, on all ranks: its error is not turned into one of PETSc's."""
+    """An error of a user's monitor on all ranks is raised unchanged, not as an error of PETSc."""
     scene, on = Blocks(solver="direct" if of == "snes" else "amg"), [True]
     scene.set(1.0)
 
@@ -315,7 +318,7 @@ def test_monitors_that_raise(of, error):
 @pytest.mark.parametrize("where", ("drive", "on_solved"))
 @pytest.mark.parametrize("kind", (KeyboardInterrupt, SystemExit, Stop))
 def test_callbacks_of_steps_that_raise(where, kind):
-    """On one rank: all ranks raise, the step is taken back, and can be made again."""
+    """If a callback raises on one rank, all ranks raise; the step is reset and can be repeated."""
     case = Upset()
     case.stepper.step()
     before, drive = case.state(), case.stepper.drive
@@ -335,7 +338,7 @@ def test_callbacks_of_steps_that_raise(where, kind):
 
 
 def test_limit_of_time_in_a_callback(alarm):
-    """What the user's own code raises and catches there stays there."""
+    """An exception that the user's callback raises and catches has no effect outside."""
     case, caught = Upset(), []
 
     def drive(t, dt):

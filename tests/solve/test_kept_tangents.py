@@ -1,4 +1,4 @@
-"""Tangents that do for more than one iteration, and those that are assembled but once."""
+"""Tangents that are kept for several iterations, and tangents that are assembled only once."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ OPTIONS = {
 
 
 def history(cell, options, exact, monkeypatch, solver="direct"):
-    """Displacements after each of some loads, iterations, and tangents that were assembled."""
+    """Solve for a sequence of loads; returns displacements, iterations and assembled tangents."""
     pair = Rubber(cell, contact_options=options)
     problem, found, iterations = pair.problem(solver=solver), [], 0
     with monkeypatch.context() as patch:
@@ -45,7 +45,7 @@ def history(cell, options, exact, monkeypatch, solver="direct"):
             pair.top.value[-1] = -0.02 - 0.001 * step
             pair.top.value[0] = 0.002 * step
             if step == 3:
-                pair.mu.value *= 1e3  # a tangent of before would be of no use
+                pair.mu.value *= 1e3  # an old tangent would not help
             problem.solve()
             found.append(np.concatenate([u.x.array for u in problem.u]))
             iterations += problem.num_iterations
@@ -54,7 +54,7 @@ def history(cell, options, exact, monkeypatch, solver="direct"):
 
 @pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
 def test_iterative_solvers(options, monkeypatch):
-    """They keep tangents, too, where one more iteration is enough."""
+    """Iterative solvers keep tangents as well, if one more iteration is enough."""
     found, _, fewer = history("tetrahedron", options, False, monkeypatch, "amg")
     expected, _, assemblies = history("tetrahedron", options, True, monkeypatch, "amg")
     for a, b in zip(found, expected, strict=True):
@@ -63,7 +63,7 @@ def test_iterative_solvers(options, monkeypatch):
 
 
 def test_each_tangent_once(monkeypatch):
-    """That at the start is for the matrices of a new pairing and for the first iteration."""
+    """The first tangent serves both for the matrices of new pairs and for the first iteration."""
     monkeypatch.setattr(newton, "SLOWER", np.inf)
     pair = Rubber("quadrilateral", contact_options=OPTIONS["penalty"])
     problem = pair.problem(solver="direct")
@@ -77,7 +77,7 @@ def test_each_tangent_once(monkeypatch):
 
 
 def test_what_holds_a_free_body_is_not_left():
-    """A body that nothing holds yet has a shift on its diagonal, which does not add up."""
+    """The diagonal shift of a body without support does not accumulate over tangents."""
     pair = Rubber("quadrilateral", contact_options=OPTIONS["penalty"], gap=0.1)
     pair.bcs[1] = []
     problem = pair.problem(solver="direct")

@@ -1,4 +1,4 @@
-"""Contact that is lost: nothing is left but rounding, and solves end there."""
+"""Loss of contact: solves end when the residual is at rounding level."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ HEIGHTS = (-0.02, -0.05, -0.01, 0.01, -0.03, 0.02)
 
 
 def stack(seed):
-    """Three blocks on each other under a plane; moduli, heights, cells and quadrature by chance."""
+    """Three stacked blocks under a plane; moduli, heights, cells and quadrature are random."""
     rng = np.random.default_rng(seed)
     F, u, bcs, bottoms, tops, z = [], [], [], [], [], 0.0
     for k in range(3):
@@ -42,7 +42,7 @@ def stack(seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_stack_under_a_plane_that_is_lifted(seed):
-    """Blocks without any load, which stay where rounding leaves them, are no failure."""
+    """Unloaded blocks, which stay where rounding leaves them, are not a failure."""
     tool, contacts, problem = stack(seed)
     forces = []
     for height in HEIGHTS:

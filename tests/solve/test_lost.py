@@ -1,4 +1,4 @@
-"""Bodies that only contact holds: not lost in silence."""
+"""Unsupported bodies: the loss of contact is not silent."""
 
 from mpi4py import MPI
 
@@ -16,7 +16,7 @@ from qsdolfinx.solve.lost import is_a_body_lost
 
 
 class Rolled:
-    """A ring between two elastic blocks, with friction; nothing else holds it."""
+    """A ring between two elastic blocks, with friction; it has no other support."""
 
     def __init__(self, sliding, facets=36):
         self.ring = Body(ring((facets, 3), (0.3, 1.0)), stiffness=1e3)
@@ -56,7 +56,7 @@ class Rolled:
 
 @pytest.mark.parametrize("sliding", [pytest.param("finite", marks=pytest.mark.long), "small"])
 def test_ring_between_blocks_stays(sliding):
-    """It is pressed by 0.1 in five steps; the middle goes down by half of that."""
+    """The ring is pressed by 0.1 in five steps; its centre goes down by half of that."""
     scene = Rolled(sliding)
     stepper = qs.TimeStepper(scene.problem, 1.0, lambda t, dt: scene.press(0.02 * t))
     forces = [0.0]
@@ -68,7 +68,7 @@ def test_ring_between_blocks_stays(sliding):
 
 
 def test_lost_body_is_refused(monkeypatch):
-    """If springs do not help, all is as before."""
+    """If stabilisation does not help, an error is raised and the state is as before."""
     scene = Rolled("small")
     scene.press(0.02)
     monkeypatch.setattr(solving, "is_a_body_lost", lambda system, start: True)
@@ -78,7 +78,7 @@ def test_lost_body_is_refused(monkeypatch):
 
 
 def test_body_that_is_let_go():
-    """A tool that goes back takes all forces away, wherever it leaves the body: no error."""
+    """A tool that moves back removes all forces; the body may stay anywhere without an error."""
     body = Body(box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     lid = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
@@ -96,7 +96,7 @@ def test_body_that_is_let_go():
 
 @pytest.mark.parametrize("shape", ["plane", "circle"])
 def test_depth_before_a_tool_that_is_followed(shape):
-    """In time steps, too, depths are those of where the tool is."""
+    """In time steps the penetration refers to the current position of the tool."""
     body = Body(box(WORLD, (6, 3), "quadrilateral", [0.0, -1.0], [2.0, 0.0]), stiffness=1e3)
     body.clamp(plane(body.mesh, 1, -1.0))
     start = 0.01
@@ -124,7 +124,7 @@ def test_depth_before_a_tool_that_is_followed(shape):
 
 @pytest.mark.parametrize("held", (True, False))
 def test_lost_along_a_condition(held):
-    """A plate on rollers that friction alone holds along them, drawn out from under a block."""
+    """A plate on rollers, held along them by friction alone, is lost if drawn out under a block."""
     plate = Body(box(WORLD, (6, 2), "quadrilateral", [0.0, -0.5], [1.0, 0.0]))
     block = Body(box(WORLD, (3, 2), "quadrilateral", [0.2, 0.0], [0.8, 0.5]))
     plate.bcs.append(slide(plate.V, 1, plane(plate.mesh, 1, -0.5)))

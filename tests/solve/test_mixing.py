@@ -1,4 +1,4 @@
-"""Anderson's mixing of Newton steps whose derivative leaves something out."""
+"""Anderson mixing of Newton steps whose derivative is incomplete."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from qsdolfinx.solve.mixing import LEFT, MOST, Mixing
 
 
 def iterations(left_out, mixes, most=200):
-    """Iterations until |A z − b| < 1e-10, with a derivative that lacks a part of A."""
+    """Iterations until |A z − b| < 1e-10, with a derivative that omits a part of A."""
     rng = np.random.default_rng((3, WORLD.rank))
     n = 20
     diagonal, b, z = rng.uniform(1, 2, n), rng.uniform(-1, 1, n), np.zeros(n)
@@ -25,7 +25,7 @@ def iterations(left_out, mixes, most=200):
 
 @pytest.mark.parametrize("slow", (0.8, -0.5))
 def test_what_is_left_out(slow):
-    """As many factors by which the residual falls as are mixed are found at once, on all ranks."""
+    """Mixing removes as many convergence factors at once as it mixes steps, on all ranks."""
     n = 20
     few = np.zeros(n)
     if WORLD.rank == 0:
@@ -36,7 +36,7 @@ def test_what_is_left_out(slow):
 
 
 def test_nothing_alike():
-    """Another set of constraints: nothing before is mixed."""
+    """After a change of the constraints, earlier steps are not mixed."""
     mixing, z = Mixing(WORLD), np.ones(3)
     assert mixing.step(z, z, -0.2 * z, True) is None
     assert mixing.step(0.8 * z, 0.8 * z, -0.16 * z, False) is None
@@ -44,12 +44,12 @@ def test_nothing_alike():
 
 
 def test_residuals_that_say_nothing():
-    """No mixing where the residual does not change, falls fast, or much of it would be left."""
+    """Steps are not mixed if the residual does not change, falls fast, or would stay large."""
     z = np.ones(5)
     same = Mixing(WORLD)
     assert [same.step(z, z, -z, True) for _ in range(MOST + 2)] == [None] * (MOST + 2)
     fast = Mixing(WORLD)
     assert [fast.step(z, 0.01**k * z, -z, True) for k in range(4)] == [None] * 4
-    wild = Mixing(WORLD)  # 1/√2 and 1/√3 would be left
+    wild = Mixing(WORLD)  # parts 1/√2 and 1/√3 would remain
     assert [wild.step(z, r, -z, True) for r in np.eye(5)[:3]] == [None] * 3
     assert LEFT < 1 / np.sqrt(3)

@@ -1,4 +1,4 @@
-"""Newton's method: where it ends, and what a refused solve leaves."""
+"""Newton's method: convergence criteria, and the state after a solve that fails."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 def test_rounding_does_not_end_other_solves():
-    """What rounding leaves is a small part of what a solve is asked for."""
+    """The rounding estimate is a small part of the tolerance of a solve."""
     scene = Punch(Variant(), n=((16, 6), (7, 3)))
     problem = scene.problem()
     solve(problem)
@@ -20,7 +20,7 @@ def test_rounding_does_not_end_other_solves():
 
 
 def test_refused_solves_leave_the_state():
-    """A load that nothing balances; the problem can be used afterwards."""
+    """A load without equilibrium raises an error; then the problem can still be used."""
     scene = Column(Variant())
     load = scene.press(1e-3)
     problem = scene.problem()
@@ -28,7 +28,7 @@ def test_refused_solves_leave_the_state():
     before = [u.x.array.copy() for u in problem.u]
     load.value[1] = 1e-3
     with pytest.raises(RuntimeError, match="did not converge"):
-        solve(problem)  # which compares the unknowns
+        solve(problem)  # this also compares the unknowns
     load.value[1] = -1e-3
     solve(problem)
     assert difference(problem.u, before) < 1e-10
@@ -36,7 +36,7 @@ def test_refused_solves_leave_the_state():
 
 
 def test_ends_that_are_not_ours_are_judged():
-    """A run that ends for its number of iterations, or a short step, is good if forces balance."""
+    """A run that ends by its number of iterations or a short step must have forces in balance."""
     for law in (qs.Tied(), qs.Unilateral()):
         options = {"enforcement": "penalty", "quadrature": "nodal"}
         pair = Pair("quadrilateral", n=(5, 3), law=law, wave=0.05, contact_options=options)
@@ -44,7 +44,7 @@ def test_ends_that_are_not_ours_are_judged():
         force = pair.contact.force("slave")
         for u in pair.u:
             u.x.array[:] = 0.0
-        problem = pair.problem(petsc_options={"snes_type": "ksponly"})  # one step, unconditionally
+        problem = pair.problem(petsc_options={"snes_type": "ksponly"})  # always one step
         if isinstance(law, qs.Tied):
             problem.solve()
             np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-8, atol=1e-10)

@@ -1,4 +1,4 @@
-"""Nonlinear bodies are pressed, left without any load, and pressed again."""
+"""Nonlinear bodies that are pressed, unloaded and pressed again."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_neo_hookean(enforcement, constraints, driven):
 
 
 class Billet(Upset):
-    """A billet that is pressed and left, in Newton's or Norton and Hoff's law."""
+    """A billet that is pressed and released, with a Newtonian or Norton-Hoff law."""
 
     def __init__(self, exponent, **options):
         self.exponent = exponent
@@ -67,9 +67,9 @@ class Billet(Upset):
 @pytest.mark.parametrize("exponent", (None, 0.2))
 @pytest.mark.parametrize("enforcement", ENFORCEMENTS)
 def test_billet(enforcement, exponent, die):
-    """Three presses with two steps of rest: no force then, and hardly a step fails.
+    """After each of three presses, with two steps of rest, no force remains; few steps fail.
 
-    At rest velocities are what rounding of the forces leaves, and their divergence with them.
+    At rest, velocities and their divergence are at the rounding level of the forces.
     """
     case = Billet(exponent, die=die, contact={"enforcement": enforcement})
     largest = 0.0
@@ -78,4 +78,4 @@ def test_billet(enforcement, exponent, die):
         largest = max(largest, force)
         if (t - 1e-9) % 0.1 > 0.06:
             assert abs(force) < 1e-6 * largest
-    assert case.stepper.num_cutbacks <= 1  # rounding decides, on some numbers of ranks
+    assert case.stepper.num_cutbacks <= 1  # depends on rounding, for some numbers of ranks

@@ -28,7 +28,7 @@ import qsdolfinx as qs
 
 @pytest.mark.parallel
 def test_three_bodies_in_a_row():
-    """The middle body is slave of one contact and master of another; forces pass through."""
+    """The middle body is slave of one contact and master of another; forces are transmitted."""
     meshes = [
         box(WORLD, [n, 2], "quadrilateral", [0, i], [1, i + 1]) for i, n in enumerate((3, 5, 4))
     ]
@@ -56,7 +56,7 @@ def test_three_bodies_in_a_row():
     solution = problem.solve()
     forces = [low.force("master"), low.force("slave"), high.force("master"), high.force("slave")]
     coupled = [[problem.blocks.block(i, j) is not None for j in range(3)] for i in range(3)]
-    # Uniaxial, but for the clamps: E × strain × width within a few percent.
+    # Uniaxial, except at the clamps: E × strain × width within a few percent.
     assert solution == u
     assert np.isclose(forces[3][1], 10 * 0.1, rtol=0.02)
     for f in forces[1:3]:
@@ -66,7 +66,7 @@ def test_three_bodies_in_a_row():
 
 
 def test_two_contacts_of_the_same_bodies():
-    """A surface split in two contacts acts as one master-slave contact does."""
+    """A surface that is split into two contacts acts as one master-slave contact does."""
     options = {"quadrature": "nodal", "enforcement": "penalty"}
     given = {"n": (4, 8), "penalty": 100.0, "contact_options": options}
     whole = Pair("quadrilateral", "master-slave", qs.Tied(), **given)
@@ -88,13 +88,13 @@ def test_two_contacts_of_the_same_bodies():
         for f in (facets[left], facets[~left])
     ]
     qs.ContactProblem(parts.F, parts.u, contacts, parts.bcs).solve()
-    # Nodal areas add up at the node that the two share.
+    # Nodal areas add up at the node that both contacts share.
     errors = [largest(a.x.array - b.x.array) for a, b in zip(whole.u, parts.u, strict=True)]
     assert max(errors) < 1e-12
 
 
 def test_contact_within_one_mesh():
-    """Two blocks of one mesh and one space: both surfaces belong to the same body."""
+    """Both surfaces of a contact may belong to one body: two blocks of one mesh and one space."""
     lattice = np.array([[x, y] for y in (0, 0.5, 1) for x in (0, 0.5, 1)])
     points = np.concatenate([lattice, lattice + np.array([0, 1])])
     quads = np.array([[i, i + 1, i + 3, i + 4] for i in (0, 1, 3, 4)])
@@ -121,7 +121,7 @@ def test_contact_within_one_mesh():
 
 
 def hyperelastic(u, mu=1.0, lmbda=1.0):
-    """Compressible neo-Hookean residual."""
+    """Residual of a compressible neo-Hookean material."""
     F = ufl.variable(ufl.Identity(u.ufl_shape[0]) + ufl.grad(u))
     J = ufl.det(F)
     energy = (
@@ -132,7 +132,7 @@ def hyperelastic(u, mu=1.0, lmbda=1.0):
 
 @pytest.mark.parametrize("load", (-0.1, 0.1))
 def test_nonlinear_body(load):
-    """A neo-Hookean body on a linear one, by Newton's method with lifted conditions."""
+    """A neo-Hookean body on a linear body converges with Newton's method and lifted conditions."""
     pair = Pair("tetrahedron", "quasi-symmetric", qs.Tied(), n=(3, 2), load=load)
     pair.F[1] = hyperelastic(pair.u[1])
     problem = pair.problem()
@@ -142,7 +142,7 @@ def test_nonlinear_body(load):
     forces = pair.contact.force("slave"), pair.contact.force("master")
     top = largest(pair.u[1].x.array)
 
-    # An approximate tangent gets to the same solution.
+    # With an approximate tangent the solution is the same.
     other = Pair("tetrahedron", "quasi-symmetric", qs.Tied(), n=(3, 2), load=load)
     other.F[1] = hyperelastic(other.u[1])
     J = elastic_form(ufl.TrialFunction(other.V[1]), ufl.TestFunction(other.V[1]), E=2.5, nu=0.25)
@@ -156,16 +156,17 @@ def test_nonlinear_body(load):
     assert history[-1] < 1e-8 * history[0]
     np.testing.assert_allclose(forces[0], -forces[1], atol=1e-12)
     assert forces[0][2] * load < 0
-    assert np.isclose(top, abs(load))  # the load arrives
+    assert np.isclose(top, abs(load))  # the load is applied
     assert slow_iterations > iterations
     assert error < 1e-7
 
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 def test_mixed_space(law):
-    """Displacement and pressure: the surface is in a sub-space, the other body in plain P1.
+    """A surface in a sub-space of displacement and pressure has contact with a body in plain P1.
 
-    With a bubble (MINI) and nearly incompressible; forces balance and the boundary is obeyed.
+    The element has a bubble (MINI) and the material is nearly incompressible. Forces balance, and
+    the boundary conditions hold.
     """
     pair = Pair("triangle", law=law(), n=(6, 5))
     msh, gdim = pair.meshes[1], 2
@@ -205,12 +206,13 @@ def test_mixed_space(law):
     assert dim == gdim and held
     np.testing.assert_allclose(forces[0], -forces[1], atol=1e-12)
     assert forces[0][1] > 0.01
-    # t_k S_k = f_k: the traction's integral is the force (what is off the surface is zero there).
+    # t_k S_k = f_k: the integral of the traction is the force (off the surface the traction is
+    # zero).
     assert total > 0.9 * forces[0][1]
 
 
 def test_automatic_penalty():
-    """ε from the softer body's stiffness: scales with E and 1/h, on any partition."""
+    """The penalty ε from the softer body's stiffness scales with E and 1/h, on any partition."""
 
     def penalty(n, comm=WORLD, scale=1.0):
         pair = Pair("hexahedron", n=n, penalty="auto", comm=comm)
@@ -231,7 +233,7 @@ def test_automatic_penalty():
 
 
 def test_automatic_penalty_stays():
-    """It is computed once: a moved mesh does not change it."""
+    """The automatic penalty is computed once: a moved mesh does not change it."""
     pair = Pair("quadrilateral", penalty="auto")
     problem = pair.problem()
     problem.solve()
@@ -263,7 +265,7 @@ def test_penalty_can_be_changed():
 
 
 def test_moved_meshes_are_paired_anew():
-    """update() after motion: new pattern, new gaps, same problem object."""
+    """update() after a motion gives a new pattern and new gaps in the same problem object."""
     pair = Pair("quadrilateral", n=(7, 5), load=-0.05)
     problem = pair.problem()
     problem.solve()
@@ -286,5 +288,5 @@ def test_no_contacts_is_plain_elasticity():
     problem.solve()
     iterations = problem.snes.getIterationNumber()
     residual = fem.assemble_vector(fem.form(pair.F[0]))
-    assert iterations <= 2  # nothing acts on a body that is moved as if rigid: all is rounding
+    assert iterations <= 2  # the body moves rigidly: only rounding remains
     assert largest(residual.array) < 1e-12

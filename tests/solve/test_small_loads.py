@@ -1,4 +1,4 @@
-"""Light loads: the residual ends where it does under others, relative to the forces."""
+"""Light loads: the residual relative to the forces is as small as under other loads."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,11 @@ import qsdolfinx as qs
 @pytest.mark.parametrize("friction", [None, qs.Coulomb(0.1)])
 @pytest.mark.parametrize("size", [1e-2, 1e-8, 1e-10, 1e-12])
 def test_residual(size, friction, solver):
-    """It was left at what rounding of coordinates might do to gaps, which are changed by less."""
+    """The residual is small relative to a small load.
+
+    It used to stop at the effect of coordinate rounding on the gaps, although the gaps change by
+    less.
+    """
     lower = box(WORLD, (5, 4), "triangle", [-0.8, -1.0], [0.8, 0.0])
     upper = box(WORLD, (3, 7), "quadrilateral", [-0.5, 0.0], [0.5, 1.0])
     V, W = vector_space(lower), vector_space(upper)

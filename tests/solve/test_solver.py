@@ -43,7 +43,7 @@ def test_linear_bodies_are_assembled_once():
     solutions.append(u.x.array.copy())
     linear = [body.linear for body in problem.bodies]
 
-    # The same from scratch.
+    # The same solve with a new problem.
     other = Pair("quadrilateral", n=(6, 5), wave=0.05)
     f = ufl.as_vector([0.0, -0.5])
     other.F[1] = elastic(other.u[1], E=3.0, force=f)
@@ -89,7 +89,10 @@ def test_constant_tangent_is_factorised_once():
 @pytest.mark.parametrize("formulation", ("double-pass", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
 def test_no_allocation(cell, formulation):
-    """Insertion never leaves the pattern, though rows become active late; PETSc would raise."""
+    """Insertion stays within the sparsity pattern, also if constraints become active late.
+
+    PETSc would raise an error otherwise.
+    """
     pair = Pair(cell, formulation, n=(4, 3), wave=0.05, gap=0.02)
     problem = pair.problem()
     problem.set_up()
@@ -137,7 +140,7 @@ SPLIT = {
     ids=("gamg", "split", "nest"),
 )
 def test_linear_solvers(kind, options):
-    """Any PETSc solver gives what MUMPS gives."""
+    """Any PETSc solver gives the solution of MUMPS."""
     solutions = []
     for k, o in (("mpi", {}), (kind, options)):
         closed = {"gap_tolerance": 1e-10}
@@ -155,7 +158,7 @@ def test_linear_solvers(kind, options):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_near_nullspace(cell, monkeypatch):
-    """Rigid modes, without Dirichlet conditions, are in the null space of bulk and tied contact."""
+    """Rigid modes (no Dirichlet conditions) are in the null space of bulk and tied contact."""
     monkeypatch.setattr("qsdolfinx.system.free_motion.SHIFT", 0.0)
     pair = Pair(cell, law=qs.Tied())
     pair.bcs = [[], []]
@@ -169,12 +172,12 @@ def test_near_nullspace(cell, monkeypatch):
         problem.system.matrix.mult(vec, out)
         residuals.append(out.norm() / problem.system.matrix.norm())
     assert len(residuals) == (3 if pair.gdim == 2 else 6)
-    # Rotations of a jump across no distance: zero too, as the surfaces coincide.
+    # Rotations of a relative displacement over zero distance: zero too, as the surfaces coincide.
     assert max(residuals) < 1e-13
 
 
 def test_failure_keeps_the_last_state():
-    """Too few iterations: everything about it is told, and the unknowns are as before."""
+    """If iterations are too few, the error has all details, and the unknowns are as before."""
     pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.1)
     problem = pair.problem()
     problem.solve()
@@ -186,7 +189,7 @@ def test_failure_keeps_the_last_state():
     problem.snes.setTolerances(max_it=50)
     changes = [largest(u.x.array - k) for u, k in zip(pair.u, kept, strict=True)]
     force_after = pair.contact.force("slave")
-    problem.solve()  # and it still works
+    problem.solve()  # the problem can still be solved
     assert error.reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
     assert "MAX_IT" in error.reason_name and error.reason_name in str(error)
     assert len(error.residual_history) >= 2 and error.residual_history[0] > 0
@@ -196,7 +199,7 @@ def test_failure_keeps_the_last_state():
 
 
 def test_body_that_nothing_holds():
-    """And no contact to press against: the message says so."""
+    """For a body without support and without contact, the error says so."""
     pair = Pair("triangle", load=0.0, gap=0.5)
     pair.bcs[1] = []
     pair.F[1] = elastic(pair.u[1], force=ufl.as_vector([0.0, 1.0]))  # upwards
@@ -206,7 +209,7 @@ def test_body_that_nothing_holds():
 
 
 def test_goes_on_after_a_failed_factorisation():
-    """A matrix that cannot be factorised does not spoil the solves after it."""
+    """A matrix that cannot be factorised does not affect later solves."""
     pair = Pair("quadrilateral", n=(6, 5))
     stiffness = fem.Constant(pair.meshes[1], 1.0)
     pair.F[1] = elastic(pair.u[1], E=stiffness)
@@ -247,7 +250,7 @@ def test_field_split_keeps_its_options_when_paired_anew():
 
 
 def test_ghosts_need_not_be_up_to_date():
-    """A first guess may be written to the owned unknowns alone."""
+    """The initial guess may be written to the owned unknowns alone."""
     forces = []
     for amplitude in (0.0, 0.1):
         pair = Pair("quadrilateral", n=(6, 5))
@@ -261,7 +264,7 @@ def test_ghosts_need_not_be_up_to_date():
 
 
 def test_destroy():
-    """Options go, and another problem with the same prefix starts from the defaults."""
+    """destroy() removes options; a new problem with the same prefix has the defaults."""
     prefix = "destroyed_"
     problem = Pair("quadrilateral").problem(
         petsc_options_prefix=prefix, petsc_options={"snes_max_it": 7}
@@ -277,7 +280,7 @@ def test_destroy():
 
 @pytest.mark.parametrize("solved", (False, True))
 def test_after_destroy(solved):
-    """Whoever goes on is told so; contacts still show what they have."""
+    """After destroy(), calls raise a clear error; contacts still return their results."""
     pair = Pair("quadrilateral")
     problem = pair.problem()
     stepper = qs.TimeStepper(problem, 1.0)
@@ -312,7 +315,7 @@ def test_after_destroy(solved):
 
 
 def test_unknown_types_leave_no_options():
-    """An option that PETSc refuses is named, and the next problem with its prefix starts afresh."""
+    """The error names the option that PETSc refuses; its prefix has no options afterwards."""
     pair = Pair("triangle")
     options = {"pc_type": "incomplete", "ksp_max_it": 7}
     wrong = {"petsc_options_prefix": "wrong_", "petsc_options": options}
@@ -324,7 +327,7 @@ def test_unknown_types_leave_no_options():
 
 @pytest.mark.parametrize("count", (0, 2, 7, 8, 60))
 def test_messages_are_short(count):
-    """Of histories the text has the ends."""
+    """Of long histories, the text shows only the ends."""
     residuals, active = [10.0**-i for i in range(count)], [[i, 2 * i] for i in range(count)]
     error = qs.ConvergenceError(-5, residuals, active, violation_history=residuals)
     assert error.residual_history == error.violation_history == residuals
@@ -334,7 +337,7 @@ def test_messages_are_short(count):
 
 
 def test_freed(destroy_problems):
-    """A problem that is dropped without destroy() does not live on in PETSc's callbacks."""
+    """A problem that is dropped without destroy() is not kept alive by PETSc's callbacks."""
     problem = Pair("triangle").problem()
     problem.solve()
     alive = weakref.ref(problem)

@@ -1,4 +1,4 @@
-"""Springs that hold free bodies while they are looked for, and have no part in the result."""
+"""Stabilisation springs that support free bodies during the iteration but do not change results."""
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
-#: The paper's own method: multipliers are no unknowns, and springs are in the residual.
+#: The method of the paper: multipliers are not unknowns, and springs are in the residual.
 PAPERS = {"quadrature": "nodal", "enforcement": "penalty"}
 
 
 def squeezed(**options):
-    """The ring after its squeeze and a roll."""
+    """The ring after it has been squeezed and rolled."""
     case = FreeRing((48, 3), 20.0, **options)
     case.step_to(2.0)
     return case
@@ -32,7 +32,7 @@ def squeezed(**options):
     ),
 )
 def test_no_part_in_the_result(settings, constraints):
-    """The ring is in equilibrium without the springs, and the plates' forces are those without."""
+    """The ring is in equilibrium without the springs; plate forces are as without stabilisation."""
     settings = qs.Stabilisation(**settings)
     case = squeezed(stabilisation=settings, constraints=constraints)
     plain = squeezed(constraints=constraints)
@@ -46,7 +46,10 @@ def test_no_part_in_the_result(settings, constraints):
 
 @pytest.mark.parametrize("constraints", ("nodes", pytest.param("points", marks=pytest.mark.long)))
 def test_ring_that_is_lost_otherwise(constraints):
-    """Squeezed by a third of its radius and rolled by a facet and more in a step."""
+    """The ring stays in contact in large steps.
+
+    It is squeezed by a third of its radius and rolled by a facet and more in a step.
+    """
     case = FreeRing((64, 3), 45.0, qs.Stabilisation(), constraints, dt_min=0.02)
     case.step_to(1.0)
     first = case.forces[0]
@@ -59,7 +62,7 @@ def test_ring_that_is_lost_otherwise(constraints):
 
 
 def hung(kind, solver, stabilisation, **options):
-    """A block that only a tie holds, under its weight: its problem, solved."""
+    """Solve for a block that only a tie supports, under its weight; returns the problem."""
     pair = Pair("hexahedron", law=qs.Tied(), n=(5, 3), contact_options=options)
     pair.bcs[1].clear()
     V = pair.V[1]
@@ -73,7 +76,7 @@ def hung(kind, solver, stabilisation, **options):
     "kind, solver", (("mpi", "direct"), ("nest", "direct"), ("mpi", "amg"), ("nest", "fieldsplit"))
 )
 def test_ties(kind, solver):
-    """Springs take no more than an iteration: the first one has none."""
+    """Springs cost at most one iteration with ties: the first iteration has none."""
     problem = hung(kind, solver, qs.Stabilisation(), **EXACT)
     expected = hung("mpi", "direct", None, **EXACT)
     assert problem.num_iterations <= (2 if solver == "direct" else 5)
@@ -85,7 +88,7 @@ def test_ties(kind, solver):
     "kind, solver", (("mpi", "direct"), ("nest", "direct"), ("mpi", "amg"), ("nest", "fieldsplit"))
 )
 def test_linear_bodies(kind, solver):
-    """Springs have no part in the result."""
+    """Springs do not change the result."""
     problem = hung(kind, solver, qs.Stabilisation(), **PAPERS)
     expected = hung("mpi", "direct", None, **PAPERS)
     error = largest(problem.system.x.array_r - expected.system.x.array_r)

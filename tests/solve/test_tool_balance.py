@@ -1,4 +1,4 @@
-"""Tools that a force drives: the steps that it takes to balance it, and those that are too long."""
+"""Force-controlled tools: number of Newton steps to equilibrium, and steps that are too long."""
 
 import numpy as np
 import pytest
@@ -9,10 +9,10 @@ import ufl
 
 import qsdolfinx as qs
 
-#: Newton's method on linear bodies: a solve for the tool where it is, one after its only step.
+#: Newton iterations on linear bodies: a solve at the tool's position, one after its only step.
 ONE_STEP = 2
 
-#: A tie that gives way, so that force over displacement is a slope at clamped nodes as well.
+#: A compliant tie, so that force over displacement is a finite stiffness at clamped nodes as well.
 SOFT = {"enforcement": "penalty", "penalty": 50.0}
 
 
@@ -30,9 +30,9 @@ def held_at_a_side(cell, tool="analytic", sides=(0.0,), **options):
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_conditions_at_a_corner_of_the_contact(cell, tool, quadrature, formulation):
-    """Force over displacement is linear, so that Newton's method takes one step of the tool.
+    """Force over displacement is linear, so Newton's method takes one step of the tool.
 
-    It takes more if the tool's step is thought to move unknowns that conditions hold.
+    It takes more if the tool's step is assumed to move unknowns that conditions hold.
     """
     options = {"quadrature": quadrature, "formulation": formulation}
     scene = held_at_a_side(cell, tool, **options)
@@ -58,9 +58,9 @@ def test_conditions_at_a_corner_of_the_contact(cell, tool, quadrature, formulati
             assert scene.problem.num_iterations <= ONE_STEP
 
 
-@pytest.mark.filterwarnings("ignore:bcs")  # the tool moves nodes that are clamped
+@pytest.mark.filterwarnings("ignore:bcs")  # the tool moves clamped nodes
 def test_tied_to_clamped_nodes():
-    """What is held stays, whether the tool has been moved before or is driven from the start."""
+    """Clamped nodes stay, whether the tool was moved before or is force-controlled at once."""
     for moved in (False, True):
         scene = held_at_a_side("triangle", enforcement="augmented-lagrangian")
         if moved:
@@ -76,7 +76,7 @@ def test_tied_to_clamped_nodes():
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_two_tools_that_feel_each_other(cell, tool):
-    """Tied to the top and to a side: what one does, the other has to hold. One step of both."""
+    """Tools tied to the top and to a side are coupled; one Newton step balances both."""
     scene = Pressed(cell, TOOLS[tool], n=2, law=qs.Tied(), **SOFT)
     d, normal = scene.gdim, np.eye(scene.gdim)[0]
     side = qs.RigidSurface.plane(WORLD, normal, -normal)
@@ -93,7 +93,7 @@ def test_two_tools_that_feel_each_other(cell, tool):
         np.testing.assert_allclose(contact.force("master") @ along, -force, rtol=2e-8)
     assert problem.num_iterations <= ONE_STEP
     alone = []
-    for i in range(2):  # the one moves what the other holds
+    for i in range(2):  # each moves the other
         moved = [tool_i.displacement.copy() for tool_i in (scene.tool, side)]
         (side, scene.tool)[i].release()
         (side, scene.tool)[i].displacement = np.zeros(d)
@@ -107,7 +107,7 @@ def test_two_tools_that_feel_each_other(cell, tool):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_friction_that_sticks(cell, quadrature):
-    """A tool that is driven sideways over a surface that it sticks to, clamped at its corner."""
+    """A tool that is driven sideways while the surface sticks to it, clamped at its corner."""
     options = {"quadrature": quadrature, "friction": qs.Sticking()} | SOFT
     scene = Pressed(cell, flat, **options)
     d, contact = scene.gdim, scene.contact
@@ -126,7 +126,10 @@ def test_friction_that_sticks(cell, quadrature):
 
 
 def test_a_tool_that_slips_beside_one_that_holds():
-    """Friction makes the forces' derivatives asymmetric: what the one does is not what it feels."""
+    """Friction makes the tangent unsymmetric, and still one step balances both tools.
+
+    The effect of one tool on the other is not the effect of the other on it.
+    """
     scene = Pressed("quadrilateral", flat, n=3, friction=qs.Coulomb(0.4), **SOFT)
     side = qs.RigidSurface.plane(WORLD, [1.0, 0.0], [-1.0, 0.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
@@ -137,7 +140,7 @@ def test_a_tool_that_slips_beside_one_that_holds():
         scene.tool.displacement = [shift, -0.05]
         problem.solve()
     before = [contact.force("master") for contact in (scene.contact, second)]
-    scene.tool.displacement = [1.0, -0.05]  # it goes on slipping
+    scene.tool.displacement = [1.0, -0.05]  # it continues to slip
     scene.tool.drive(1.1 * before[0][1], [0.0, -1.0])
     side.drive(0.02, [0.0, 1.0])
     problem.solve()
@@ -166,7 +169,7 @@ def soft_block():
 
 
 def test_a_step_that_bodies_cannot_follow():
-    """Stretched it is soft: a full step of Newton's under a push would turn it inside out."""
+    """The solve converges although a full Newton step would invert the soft, stretched block."""
     scene, problem = soft_block()
     scene.tool.drive(4.0, [0.0, 1.0])
     problem.solve()

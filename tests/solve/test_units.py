@@ -9,7 +9,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-#: E and L of the scene whose numbers are compared, and the others'.
+#: E and L of the scenes that are compared with the scene of E = L = 1.
 UNITS = ((1e-3, 1e-6), (1e12, 1e-9), (1e-12, 1e3), (1e12, 1e3))
 PRESS = 0.05
 NU = 0.3
@@ -40,12 +40,12 @@ class Block:
         self.bottom, self.top = (self.facets(z + s * L, 1e-3 * L / n) for s in (0, 1))
 
     def facets(self, value, near):
-        """Those at this height."""
+        """Facets at this height."""
         where = lambda x: np.abs(x[self.axis] - value) < near  # noqa: E731
         return mesh.locate_entities_boundary(self.mesh, self.axis, where)
 
     def move(self, facets, value):
-        """Conditions that move facets along the last axis and hold them along the others."""
+        """Conditions that move facets along the last axis and fix them along the other axes."""
         values = [value if axis == self.axis else 0.0 for axis in range(self.axis + 1)]
         return [slide(self.V, axis, facets, v) for axis, v in enumerate(values)]
 
@@ -68,7 +68,7 @@ def on_a_plane(E, L, law, travel=0.0, dim=2, **options):
 
 
 def on_a_block(E, L, law, ratio=1.0, **options):
-    """A block on another one that is ``ratio`` times as stiff; contact and problem."""
+    """A block on another block that is ``ratio`` times as stiff; contact and problem."""
     blocks = Block(ratio * E, L, 5, -L, law), Block(E, L, 7, 0.0, law)
     bcs = [blocks[0].move(blocks[0].bottom, 0.0), blocks[1].move(blocks[1].top, -PRESS * L)]
     surfaces = [
@@ -83,7 +83,7 @@ def on_a_block(E, L, law, ratio=1.0, **options):
 
 
 def force(scene, E, L, *args, **options):
-    """Of the contact, over E L (per depth L in 2D)."""
+    """Solve; returns the contact force over E L (per depth L in 2D), and iterations."""
     contact, problem = scene(E, L, *args, **options)
     problem.solve()
     out = contact.force("slave")
@@ -97,7 +97,7 @@ def force(scene, E, L, *args, **options):
 @pytest.mark.parametrize("law", ("linear", "neo-hookean"))
 @pytest.mark.parametrize("scene", (on_a_plane, on_a_block))
 def test_forces(scene, law, solver, enforcement):
-    """In metres and pascals as in micrometres and gigapascals, after as many iterations."""
+    """Forces and iterations are the same in metres and pascals as in other units."""
     options = {"solver": solver, "enforcement": enforcement}
     expected, iterations = force(scene, 1.0, 1.0, law, **options)
     assert expected > 0.02
@@ -121,7 +121,7 @@ def test_forces_in_3d(law, unknown):
 @pytest.mark.parametrize("law", ("linear", "neo-hookean"))
 @pytest.mark.parametrize("travel", (1e3, 1e6))
 def test_long_way_to_contact(law, travel):
-    """The body comes from a million times its size away."""
+    """The force is right if the body starts up to a million times its size away."""
     near, _ = force(on_a_plane, 1.0, 1.0, law)
     far, _ = force(on_a_plane, 1.0, 1.0, law, travel=travel)
     np.testing.assert_allclose(far, near, rtol=1e-6)
@@ -130,7 +130,7 @@ def test_long_way_to_contact(law, travel):
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("law", ("linear", "neo-hookean"))
 def test_beside_a_stiff_body(law, enforcement):
-    """A body on one 10⁸ times as stiff has the forces that it has on one 10⁶ times as stiff."""
+    """The forces of a body on one 10⁸ times as stiff are those on one 10⁶ times as stiff."""
     options = {"enforcement": enforcement}
     forces = [force(on_a_block, 1.0, 1.0, law, ratio=ratio, **options)[0] for ratio in (1e6, 1e8)]
     np.testing.assert_allclose(forces[1], forces[0], rtol=3e-6)
@@ -138,7 +138,7 @@ def test_beside_a_stiff_body(law, enforcement):
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_viscous_flow(enforcement):
-    """A Norton-Hoff block in velocity and pressure, where the ratio of the two is no obstacle."""
+    """A Norton-Hoff block in velocity and pressure works for any ratio of the two."""
     found = []
     for K, L in ((1.0, 1.0), (1e3, 1e-5), (1e-6, 1e-2), (1e12, 1e-9), (1e12, 1e3), (1e-12, 1e-9)):
         msh = mesh.create_rectangle(WORLD, [[0.0, 0.0], [L, L]], [4, 4])

@@ -1,4 +1,4 @@
-"""Bodies that turn where nothing but frictionless contact holds them."""
+"""Warnings for bodies that rotate because only frictionless contact supports them."""
 
 import warnings
 
@@ -15,7 +15,7 @@ from qsdolfinx.solve.unsupported import check_unsupported
 
 
 class Held:
-    """A quarter of a ring around a rigid cylinder that touches all of it, pressed on."""
+    """A quarter of a ring, pressed on a rigid cylinder that touches its whole inner side."""
 
     def __init__(self, **options):
         self.ring = Shell((12, 2), (5.0, 10.0))
@@ -28,7 +28,7 @@ class Held:
         self.problem.solve()
 
     def warned_after(self, A):
-        """Texts if the last solve had moved the ring by A x. Collective."""
+        """Messages of the warnings if the last solve had moved the ring by A x. Collective."""
         system, V = self.problem.system, self.ring.u.function_space
         moved = self.ring.u.copy()
         moved.interpolate(lambda x: np.asarray(A) @ x[:2])
@@ -43,7 +43,10 @@ class Held:
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.1)))
 def test_rotation_on_a_cylinder(friction):
-    """Of a turn about the axis, unless there is friction; not of a small one, nor of a strain."""
+    """Without friction, a rotation about the axis gives a warning.
+
+    A small rotation and a strain give none, nor does any motion with friction.
+    """
     case = Held(friction=friction)
     for A in ([[0.0, -0.001], [0.001, 0.0]], [[0.1, 0.0], [0.0, -0.1]]):
         assert case.warned_after(A) == []
@@ -53,9 +56,9 @@ def test_rotation_on_a_cylinder(friction):
 
 
 def test_let_go_by_all():
-    """A strip that a punch has bent over a roller, and then leaves, springs back.
+    """A strip that a punch has bent over a roller springs back when the punch leaves.
 
-    Where contact forces have vanished, what is left is compared with those of before.
+    If contact forces have vanished, the remaining residual is compared with the earlier forces.
     """
     msh = box(WORLD, (40, 2), "quadrilateral", [0.0, 0.0], [4.0, 0.4])
     V = vector_space(msh)
@@ -82,7 +85,7 @@ def test_let_go_by_all():
 
 @pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
 def test_falls_to_its_support(enforcement):
-    """A heavy strip, let go by the punch that bent it, falls to the support: a slender body."""
+    """A heavy, slender strip falls to its support when released by the punch that bent it."""
     msh = box(WORLD, (60, 2), "quadrilateral", [0.0, 0.0], [30.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -103,5 +106,5 @@ def test_falls_to_its_support(enforcement):
     assert problem.num_iterations <= 15
     along, up = below.force("slave")
     np.testing.assert_allclose(up, 0.3, rtol=1e-7)
-    assert abs(along) < 0.05 * up  # it does not rest on the top of the support alone
+    assert abs(along) < 0.05 * up  # it does not lie on the top of the support only
     assert np.all(above.force("slave") == 0.0)

@@ -1,4 +1,4 @@
-"""PETSc's SNES as the user has it: types, line searches, tests and monitors on all unknowns."""
+"""PETSc's SNES with the user's options: types, line searches, convergence tests and monitors."""
 
 from petsc4py import PETSc
 
@@ -13,17 +13,17 @@ from qsdolfinx.linear.saddle_factors import SaddleFactors
 
 EXACT = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
 
-#: Newton's method within a SNES that accelerates it.
+#: Newton's method as inner solver of a SNES that accelerates it.
 INNER = {"npc_snes_type": "newtonls", "npc_snes_linesearch_type": "basic"}
 
 
 class Dragged:
-    """Two blocks, the upper one pressed and then drawn along with friction.
+    """Two blocks, the upper block pressed and then dragged with friction.
 
     Args:
-        options: PETSc's.
+        options: Options of PETSc.
         solver: Linear solver.
-        given: Of the contact.
+        given: Options of the contact.
     """
 
     def __init__(self, options=None, solver="direct", **given):
@@ -35,7 +35,7 @@ class Dragged:
         self.problem = pair.problem(solver=solver, petsc_options=options)
 
     def solve(self):
-        """Displacements of the blocks, and the last force."""
+        """Press and drag; returns displacements of the blocks, and the last force."""
         for shift in (0.0, 0.02, 0.05):
             self.load.value[0] = shift
             self.problem.solve()
@@ -61,7 +61,7 @@ class Dragged:
     ids=lambda value: value if isinstance(value, str) else "-".join(map(str, value.values())),
 )
 def test_same_results(solver, options):
-    """As by default."""
+    """Results are the same as with the default solver."""
     u, force = Dragged(solver=solver).solve()
     dragged = Dragged(options, solver)
     v, other = dragged.solve()
@@ -75,14 +75,14 @@ def test_same_results(solver, options):
 
 
 def test_gaps_that_follow():
-    """To what areas may change by."""
+    """With finite sliding results are the same, up to the change of the contact areas."""
     force = Dragged(sliding="finite").solve()[1]
     other = Dragged({"snes_linesearch_type": "bt"}, sliding="finite").solve()[1]
     assert largest(force - other) < 1e-4 * largest(force)
 
 
 def test_monitors_and_tests():
-    """They see the SNES that solves, and a test of one's own is heeded."""
+    """Monitors see the SNES that solves, and a user's convergence test is used."""
     dragged = Dragged({"snes_type": "newtonls"})
     problem, seen, ends = dragged.problem, [], []
 
@@ -101,7 +101,7 @@ def test_monitors_and_tests():
 
 
 def test_a_test_by_name():
-    """PETSc's own looks at the norm of all rows, over the first one."""
+    """PETSc's default test uses the norm of the whole residual, relative to the first norm."""
     options = {"snes_convergence_test": "default", "snes_rtol": 1e-3, "snes_atol": 1e30}
     dragged = Dragged(options)
     dragged.problem.solve()
@@ -111,9 +111,9 @@ def test_a_test_by_name():
 
 
 def test_one_step_is_judged():
-    """A type that ends with its number of iterations has not converged where forces do not balance.
+    """A type that ends by its number of iterations has not converged if forces do not balance.
 
-    Linear bodies that are tied are found in one step.
+    Tied linear bodies are solved in one step.
     """
     options = {"snes_type": "ksponly"}
     tied = Pair("quadrilateral", n=(5, 3), law=qs.Tied(), wave=0.05, contact_options=EXACT)
@@ -122,7 +122,7 @@ def test_one_step_is_judged():
 
 
 def test_a_failure_is_final():
-    """Nobody goes on with another method, and the solve can be repeated."""
+    """If the solve fails, no other method is tried, and the solve can be repeated."""
     dragged = Dragged({"snes_linesearch_type": "bt", "snes_max_it": 0})
     dragged.load.value[0] = 0.05
     raises_everywhere(WORLD, qs.ConvergenceError, "DIVERGED_MAX_IT", dragged.problem.solve)
@@ -134,7 +134,7 @@ def test_a_failure_is_final():
 
 @pytest.mark.parametrize("first", (0, 2))
 def test_a_singular_matrix(first, monkeypatch):
-    """It is no error of PETSc's, and no harm to the next solve."""
+    """A singular matrix gives a ConvergenceError, not a PETSc error; the next solve works."""
     expected = Dragged().solve()[1]
     dragged, calls, solve = Dragged({"snes_linesearch_type": "bt"}), [], SaddleFactors.solve
 
@@ -151,7 +151,7 @@ def test_a_singular_matrix(first, monkeypatch):
 
 
 def test_errors_of_forms(monkeypatch):
-    """What a callback raises comes out as itself, and the next solve finds the solution."""
+    """An exception in a callback is raised unchanged, and the next solve finds the solution."""
     expected = Dragged().solve()[1]
     dragged = Dragged({"snes_linesearch_type": "bt"})
     body, calls = dragged.problem.bodies[0], []
@@ -182,7 +182,7 @@ def test_errors_of_forms(monkeypatch):
     ids=str,
 )
 def test_types_that_cannot_solve(options, remedy):
-    """They are refused, with what to take."""
+    """SNES types that cannot solve are refused; the error names an alternative."""
     pair = Pair("triangle", contact_options=EXACT)
     with pytest.raises(ValueError, match="does not solve") as error:
         pair.problem(petsc_options=options)
@@ -190,6 +190,9 @@ def test_types_that_cannot_solve(options, remedy):
 
 
 def test_papers_penalty():
-    """There the bodies' unknowns alone are SNES', and any type that solves for them will do."""
+    """With the paper's penalty, SNES solves for the bodies' unknowns alone.
+
+    Any SNES type that solves for them is accepted.
+    """
     pair = Pair("triangle", contact_options={"quadrature": "nodal", "enforcement": "penalty"})
     pair.problem(petsc_options={"snes_type": "newtontrdc"})

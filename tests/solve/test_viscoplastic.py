@@ -20,8 +20,8 @@ class Billet:
     Args:
         kind: Plane strain, axisymmetric or 3D.
         n: Cells along each edge.
-        sticking: Whether it sticks to the plate.
-        options: PETSc's.
+        sticking: Whether the body sticks to the plate.
+        options: Options of PETSc.
     """
 
     def __init__(self, kind, n=2, sticking=False, options=None):
@@ -46,11 +46,11 @@ class Billet:
         self.problem = qs.ContactProblem([self.F], [self.w], [], [bcs], petsc_options=options)
 
     def press(self, rate, floor=1e-3):
-        """Set velocity / height, and ε̇₀ as a part of it."""
+        """Set the ratio of velocity to height, and ε̇₀ as a fraction of it."""
         self.velocity.value, self.floor.value = -rate * HEIGHT, floor * rate
 
     def residual(self):
-        """Residual without conditions, at the owned unknowns."""
+        """Residual without Dirichlet conditions, at the owned unknowns."""
         r = fem.assemble_vector(self.form)
         r.scatter_reverse(la.InsertMode.add)
         return r.array[: self.problem.bodies[0].num_owned]
@@ -61,7 +61,7 @@ class Billet:
         return -WORLD.allreduce(r[self.top_dofs[self.top_dofs < r.size]].sum())
 
     def unbalanced(self):
-        """Largest residual at free unknowns, in parts of the largest reaction."""
+        """Largest residual at free unknowns, relative to the largest reaction."""
         r = self.residual()
         return largest(r[self.problem.bodies[0].free]) / largest(r)
 
@@ -72,7 +72,10 @@ class Billet:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_upsetting_force(kind):
-    """π R² K √3^{m+1} (V/h)^m for a cylinder; 2K (2 V/h)^m in plane strain; to 1e-6."""
+    """The force is π R² K √3^{m+1} (V/h)^m for a cylinder, to 1e-6.
+
+    In plane strain it is 2K (2 V/h)^m.
+    """
     billet = Billet(kind)
     for m in (1.0, 0.5, 0.15, 0.05):
         for rate in (0.1, 1.0, 10.0):
@@ -93,10 +96,10 @@ def test_upsetting_force(kind):
 
 @pytest.mark.parametrize("scale", (1e-6, 1e6))
 def test_units(scale):
-    """The unit of stress does not matter."""
+    """Convergence and force do not depend on the unit of stress."""
     billet = Billet("plane")
     billet.K.value *= scale
-    for rate in (1.0, 2.0):  # the second from the first
+    for rate in (1.0, 2.0):  # the second starts from the first
         billet.press(rate)
         qs.solve_with_continuation(billet.problem, billet.m, 0.15)
         force = WIDTH * 2 * K * scale * (2 * rate) ** 0.15
@@ -106,7 +109,7 @@ def test_units(scale):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_sticking(kind):
-    """A plate that the billet sticks to: iterations, balance, flux and a larger force."""
+    """With sticking: few iterations, forces in balance, no volume flux, and a larger force."""
     n = 4 if kind == "3D" else 8
     billet = Billet(kind, n, sticking=True)
     force = {}
@@ -117,7 +120,7 @@ def test_sticking(kind):
             solved = qs.solve_with_continuation(billet.problem, billet.m, m)
             assert sum(count for _, count in solved) <= 30, (m, rate, solved)
             assert billet.unbalanced() < 1e-7, (m, rate, billet.unbalanced())
-            # At m = 1 the rate is a factor of everything, and so it is for any m.
+            # At m = 1 the rate is a factor of all results, and so it is for any m.
             force[m, rate] = billet.force() / rate**m
             assert np.isclose(force[m, rate], force[m, 0.1], rtol=1e-6)
     v = ufl.split(billet.w)[0]
@@ -130,7 +133,7 @@ def test_sticking(kind):
 
 
 def test_later_steps():
-    """From the last step's flow no continuation is needed."""
+    """Starting from the flow of the last step, no continuation is needed."""
     billet = Billet("plane", 6, sticking=True)
     billet.press(1.0, 1e-2)
     first = qs.solve_with_continuation(billet.problem, billet.m, 0.15)
@@ -145,7 +148,7 @@ def test_later_steps():
 
 
 def test_steps_are_halved():
-    """Too few iterations for a step make steps smaller; far too few are an error."""
+    """If iterations are too few, continuation steps are halved; far too few are an error."""
     counts = []
     for max_it in (50, 6, 1):
         options = {"snes_max_it": max_it, "snes_linesearch_type": "bt"}
@@ -188,13 +191,14 @@ def test_contact(quadrature):
         penalty=eps,
         quadrature=quadrature,
         enforcement="penalty",
-        sliding="small",  # what is solved for are rates
+        sliding="small",  # the unknowns are rates
     )
     F, w, bcs = (list(given) for given in zip(*bodies, strict=True))
     problem = qs.ContactProblem(F, w, [contact], bcs)
     solved = qs.solve_with_continuation(problem, m, targets)
     assert solved[-1][0] == 1.0 and [constant.value for constant in m] == list(targets)
-    # The stress 2 (2a)^m is that of both, and their rates with the jump t/ε are the plate's 1.
+    # Both have the stress 2 (2a)^m; their rates and the relative velocity t/ε add up to the plate's
+    # rate 1.
     stress = _root(lambda t: sum((t / 2) ** (1 / m) / 2 for m in targets) + t / eps - 1)
     for function, target in zip(w, targets, strict=True):
         v = ufl.split(function)[0]
@@ -206,7 +210,7 @@ def test_contact(quadrature):
 
 
 def _root(function, low=0.0, high=100.0):
-    """By bisection."""
+    """Root by bisection."""
     for _ in range(100):
         middle = (low + high) / 2
         low, high = (middle, high) if function(middle) < 0 else (low, middle)

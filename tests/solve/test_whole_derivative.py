@@ -1,4 +1,4 @@
-"""Scenes in which much depends on all that the derivative has of points, areas and vertices."""
+"""Scenes that need the whole derivative: of contact points, areas and vertices."""
 
 import numpy as np
 import pytest
@@ -20,9 +20,9 @@ def tip(n, half):
 
 @pytest.mark.one_rank
 def test_corners_on_a_tip_that_bends():
-    """Facets before a corner are curved as the tip is bent, and so is the derivative.
+    """The derivative includes the curvature of facets near corners when the tip bends.
 
-    Without how normals of nodes turn 100 iterations were not enough.
+    Without the derivative of the nodal normals, 100 iterations were not enough.
     """
     sides = (-1.02, -0.02), (0.02, 1.02)
     blocks = [
@@ -51,9 +51,10 @@ def test_corners_on_a_tip_that_bends():
 
 
 def test_round_punch_on_a_line_of_the_mesh():
-    """Pieces that are closed in part, areas, and a corner that bears, are all in the derivative.
+    """The derivative includes partly active segments, areas, and a corner that carries load.
 
-    With what rims alone add, and areas held, 100 iterations did not do, at any step.
+    With the terms of the rims alone, and fixed areas, 100 iterations were not enough, for
+    any step size.
     """
     forces = [pressed_by_a_punch(swapped) for swapped in (False, True)]
     assert forces[0] == pytest.approx(forces[1], rel=5e-3)

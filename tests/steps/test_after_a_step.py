@@ -1,4 +1,4 @@
-"""What a solve outside of the stepper finds after a step, a step that failed, or a restart."""
+"""State that a solve outside of the stepper finds after a step, a failed step, or a restart."""
 
 import pathlib
 
@@ -25,7 +25,7 @@ DOWN = 0.02
 
 
 class Plane:
-    """A block that is held at its bottom, and a plane that a stepper lowers onto its top."""
+    """A block that is clamped at its bottom, and a plane that a stepper lowers onto its top."""
 
     def __init__(self, drive=None, n=4, **options):
         msh = box(WORLD, (n, n), "triangle", [0.0, 0.0], [1.0, 1.0])
@@ -57,12 +57,12 @@ def raise_here(t, dt):
     raise KeyError("load table")
 
 
-# --- A step that failed
+# --- A failed step
 
 
 @pytest.mark.parametrize("steps", (0, 2))
 def test_failed_drive(steps):
-    """The tool is where it was, and so is what was paired with it: a solve goes on from there."""
+    """A failed step restores the tool and the contact pairs: a solve continues from there."""
     case = Plane()
     case.problem.solve()
     for _ in range(steps):
@@ -78,7 +78,7 @@ def test_failed_drive(steps):
 
 
 def test_failed_solve_with_a_tool_that_went_on():
-    """After attempts that have paired at the end of the step, with the tool there."""
+    """The state is restored if attempts fail after contact was updated at the end of the step."""
     calls = []
 
     def solve(step):
@@ -100,7 +100,7 @@ def test_failed_solve_with_a_tool_that_went_on():
 
 
 def test_tools_are_told_nothing_by_a_failed_step():
-    """A force that one rank alone has set, before another raised, is no part of the next solve."""
+    """A force that one rank has set, before another raised, has no effect on the next solve."""
     case = Plane()
 
     def drive(t, dt):
@@ -121,7 +121,7 @@ def test_tools_are_told_nothing_by_a_failed_step():
 
 @pytest.mark.parametrize("what", ("displacement", "rotation", "position"))
 def test_one_rank_raises_before_it_moves_the_tool(what):
-    """Others set what it does not get to: nobody waits."""
+    """If one rank raises before it sets the tool's motion, the other ranks do not hang."""
     case = Plane()
 
     def drive(t, dt):
@@ -144,12 +144,12 @@ def test_bad_motion_on_one_rank_inside_a_step():
     raises_everywhere(WORLD, ValueError, "displacement: must be finite", case.stepper.step)
 
 
-# --- A step that was made
+# --- A completed step
 
 
 @pytest.mark.parametrize("moving", (True, False))
 def test_solve_after_a_step(moving):
-    """Nothing has changed since: forces and places stay."""
+    """A solve after a step, with nothing changed, leaves forces and positions as they are."""
     case = Plane(None if moving else lambda t, dt: None)
     case.tool.displacement = [0.0, -DOWN]
     for _ in range(2):
@@ -165,8 +165,11 @@ def test_solve_after_a_step(moving):
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 def test_solve_between_steps_moves_the_tool(friction):
-    """A displacement of the tool between two steps acts as in a step; slip counts from there."""
-    options = {"quadrature": "nodal", "friction": friction}  # whatever the sizes of facets
+    """A displacement of the tool between two steps acts as in a step.
+
+    Slip is measured from there.
+    """
+    options = {"quadrature": "nodal", "friction": friction}  # independent of facet sizes
     case, other = Plane(**options), Plane(**options)
     for each in (case, other):
         each.stepper.step()
@@ -182,7 +185,10 @@ def test_solve_between_steps_moves_the_tool(friction):
 
 
 def test_pairing_anew_after_a_step():
-    """The user's own ``contact.update()`` counts from the mesh as it is, not as it was paired."""
+    """The user's ``contact.update()`` after a step starts from the current mesh.
+
+    It does not start from the mesh on which contact was detected.
+    """
     case = Plane()
     for _ in range(2):
         case.stepper.step()
@@ -193,7 +199,10 @@ def test_pairing_anew_after_a_step():
 
 
 def test_solve_after_a_step_between_two_bodies():
-    """Meshes that do not match, one body dragged over the other with friction: it sticks."""
+    """A solve after a step keeps force and slip for two bodies with non-matching meshes.
+
+    One body is dragged over the other with friction, and sticks.
+    """
     options = {"quadrature": "overlay", "friction": qs.Coulomb(10.0)}
     pair = Pair("triangle", contact_options=options)
     drag_top(pair, 0.0)
@@ -210,7 +219,10 @@ def test_solve_after_a_step_between_two_bodies():
 
 
 def test_solve_after_a_step_in_velocities():
-    """The mesh has moved: the next velocities are those with which the next step begins."""
+    """After a step, a solve finds the velocities with which the next step begins.
+
+    The mesh has moved.
+    """
     case, other = Upset(theta=0.0, growth=1.0), Upset(theta=0.0, growth=1.0)
     for each in (case, other):
         each.stepper.step()
@@ -233,7 +245,7 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_shown_after_a_restart(folder, enforcement, friction):
-    """Forces are those that were saved, before any step and after a solve with nothing moved."""
+    """After a restart, forces are the saved ones, also after a solve with no motion."""
     options = {"quadrature": "nodal", "enforcement": enforcement, "friction": friction}
     runs = [Plane(**options) for _ in range(2)]
 
@@ -247,7 +259,7 @@ def test_shown_after_a_restart(folder, enforcement, friction):
     qs.load_run(runs[1].stepper, folder)
     force = runs[0].force()
     assert abs(force[0]) > 0.01 * abs(force[1]) or friction is None
-    exact = enforcement != "penalty"  # with it nodal areas count, of another mesh
+    exact = enforcement != "penalty"  # a penalty uses nodal areas, which belong to another mesh
     tolerance = (1e-6 if exact else 1e-2) * np.linalg.norm(force)
     np.testing.assert_allclose(runs[1].force(), force, atol=tolerance)
     assert np.array_equal(runs[1].contact.active(), runs[0].contact.active())
@@ -258,7 +270,10 @@ def test_shown_after_a_restart(folder, enforcement, friction):
 
 
 def test_shown_after_a_restart_of_flow(folder):
-    """The same multipliers, on areas that have flowed since they were paired: of first order."""
+    """After a restart, multipliers are the same; forces differ to first order in the time step.
+
+    Areas have changed with the flow since contact was detected.
+    """
     errors = []
     for dt in (0.04, 0.02):
         runs = [Upset(dt=dt, growth=1.0) for _ in range(2)]

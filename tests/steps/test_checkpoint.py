@@ -1,4 +1,4 @@
-"""Checkpoints on other partitions and numbers of ranks, and runs that go on from them."""
+"""Checkpoints on other partitions and numbers of ranks, and runs that continue from them."""
 
 import pathlib
 
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 
 def field(x):
-    """A different value at every point."""
+    """Scalar test field with a different value at every point."""
     return np.sin(3 * x[0] + 5 * x[1] + 7 * x[2]) + 2 * x[0]
 
 
@@ -38,7 +38,7 @@ def vector_field(gdim):
 
 
 class State:
-    """Functions of all kinds, and coordinates, with values or with none."""
+    """Functions of all kinds, and coordinates, filled or zero."""
 
     def __init__(self, comm, cell, partition=None, filled=True, n=None):
         n = CELLS[cell] if n is None else n
@@ -74,7 +74,7 @@ class State:
 
 
 def values_at(u, name):
-    """What the function is to hold: by interpolation, where a node's place is known."""
+    """Expected values of a function: by interpolation, where the position of a node is known."""
     V = u.function_space
     out = fem.Function(V)
     gdim = V.mesh.geometry.dim
@@ -93,7 +93,7 @@ def values_at(u, name):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("partition", [None, *PARTITIONS])
 def test_functions(folder, cell, partition):
-    """From all ranks to one and back, and between partitions."""
+    """Functions are the same after a transfer to one rank and back, and between partitions."""
     first = State(WORLD, cell, partition)
     assert first.is_filled()
     saved = Checkpoint(WORLD, folder)
@@ -138,7 +138,7 @@ def test_refusals(folder):
     assert not folder.exists()
     checkpoint.save(state.functions, state.meshes, {})
     refuse(ValueError, "other: is not in", {"other": u})
-    for n in ((3, 3), (3, 4), (5, 4)):  # with less, as many and more vertices
+    for n in ((3, 3), (3, 4), (5, 4)):  # fewer, as many and more vertices
         other = State(WORLD, "triangle", filled=False, n=n)
         refuse(ValueError, "p1: ", {"p1": other.functions["p1"]})
         refuse(ValueError, "x: ", {}, other.meshes)
@@ -148,7 +148,7 @@ def test_refusals(folder):
 
 @pytest.mark.parametrize("rank", [0, WORLD.size - 1])
 def test_failed_write(folder, monkeypatch, rank):
-    """The checkpoint before stays."""
+    """A failed write keeps the previous checkpoint."""
     state = State(WORLD, "triangle")
     checkpoint = Checkpoint(WORLD, folder)
     checkpoint.save(state.functions, state.meshes, {"step": 1})
@@ -189,7 +189,7 @@ def test_stopped_between_renames(folder):
 
 
 class Run(Upset):
-    """A viscous block on an elastic die that also turns the plane, with its strain added up."""
+    """A viscous block on an elastic die with a rotating plane; its strain is accumulated."""
 
     def __init__(self, comm=WORLD, **options):
         super().__init__(comm, die=True, dt=0.02, dt_max=0.04, easy=100, **options)

@@ -1,4 +1,4 @@
-"""Attempts at a step that fail when contact has paired anew at its end: nothing is left of them."""
+"""Attempts at a step that fail after contact was updated at its end leave no trace."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ DT, TILT = 0.04, 0.5
 
 
 class Tilting(Upset):
-    """A block on an elastic die below a plane that goes down and turns, some solves of it in vain.
+    """A block on an elastic die below a plane that moves down and rotates; some solves fail.
 
     Args:
-        fails: From the number of a call of the solver, from 0 on, to whether it fails.
+        fails: Function from the number of a call of the solver, from 0 on, to whether it fails.
     """
 
     def __init__(self, fails, num_pairings, **options):
@@ -38,8 +38,8 @@ class Tilting(Upset):
 
 @pytest.mark.parametrize("num_pairings", (2, 3))
 def test_next_attempt_starts_where_the_first_did(num_pairings):
-    """The solve for the end of a step fails, when tools have gone there: they are put back."""
-    first_step = num_pairings + 1  # with theta > 0 it is made twice
+    """If the solve for the end of a step fails, tools that have moved there are moved back."""
+    first_step = num_pairings + 1  # with theta > 0 it is done twice
     failing = {first_step + num_pairings - 1, first_step + 2 * num_pairings - 1}
     case = Tilting(failing.__contains__, num_pairings)
     case.stepper.step()
@@ -62,7 +62,7 @@ def test_next_attempt_starts_where_the_first_did(num_pairings):
 
 
 def shown(contact):
-    """What can be read from a contact between two steps."""
+    """All values that a contact returns between two steps."""
     surfaces = [s for s in (contact.slave, contact.master) if isinstance(s, qs.Surface)]
     vecs = [vec.array_r.copy() for vec in contact.model.offset if vec is not None]
     numbers = [contact.dt, contact.settings.search_radius, contact.penalty, contact.penetration()]
@@ -85,7 +85,7 @@ def shown(contact):
 
 @pytest.mark.parametrize("pairing", (1, 2))
 def test_step_that_fails_for_good(pairing):
-    """No attempt at the step succeeds, at its first pairing or the last: all is as it was."""
+    """If all attempts at a step fail, at the first or last update of contact, nothing changes."""
     case = Tilting(lambda call: call > 2 and (pairing == 1 or call % 2 == 0), 2, dt_min=DT / 3)
     case.stepper.step()
 
@@ -100,10 +100,10 @@ def test_step_that_fails_for_good(pairing):
 
 
 def test_interrupted_at_the_end_of_a_step():
-    """Any other error, too, once the tool has gone to the end of the step."""
+    """Any other error after the tool has moved to the end of the step also restores the state."""
 
     def fails(call):
-        if call == 4:  # the second of the second step
+        if call == 4:  # the second call of the second step
             raise KeyError("stop")
 
     case = Tilting(fails, 2)
@@ -116,7 +116,10 @@ def test_interrupted_at_the_end_of_a_step():
 
 
 def test_first_attempt_of_all():
-    """What it was the first to measure, γ among it, is measured again: linear matrices stay."""
+    """Values measured in a failed first attempt, such as γ, are measured again.
+
+    Matrices of linear bodies are kept.
+    """
     found = []
     for fails in (False, True):
         options = {"enforcement": "penalty", "friction": qs.Coulomb(0.3)}
@@ -141,7 +144,10 @@ def test_first_attempt_of_all():
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_forces_after_a_first_step_that_fails(enforcement):
-    """No step has been made, and contact shows what it did before, though its rows were others."""
+    """After a failed first step contact shows the same forces as before.
+
+    This holds although the constraints were different in the attempt.
+    """
     options = {"enforcement": enforcement, "friction": qs.Coulomb(0.3)}
     pair = Pair("quadrilateral", contact_options=options)
     drag_top(pair, 0.4)
@@ -158,7 +164,7 @@ def test_forces_after_a_first_step_that_fails(enforcement):
 
 
 def test_facets_that_bend_too_far():
-    """Facets of degree 2 that turn by more than 60° end the run as any step that cannot be made."""
+    """Facets of degree 2 that turn by more than 60° end the run as any impossible step does."""
     msh = elevated(box(WORLD, (1, 2), "quadrilateral", [-0.5, 0.0], [0.5, 1.0]))
     V = fem.functionspace(msh, ("Lagrange", 2, (2,)))
     u, bend = fem.Function(V), fem.Function(V)

@@ -10,12 +10,12 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 RADIUS, THICKNESS, HEIGHT, WAVE = 1.0, 0.12, 2.0, 0.04
-#: Folds, and part of the circumference in 3D, between planes of symmetry.
+#: Number of folds, and in 3D the angle of the sector between planes of symmetry.
 FOLDS, SECTOR = 2.5, np.pi / 2
 
 
 class Tube:
-    """Viscous, wavy, between two ends of which the upper one comes down with the velocity 1."""
+    """A viscous, wavy tube between two ends; the upper end moves down with the velocity 1."""
 
     def __init__(self, gdim=2, n=3, friction=None):
         self.rings = gdim == 2
@@ -55,7 +55,7 @@ class Tube:
         return qs.materials.strain(u, True) if self.rings else ufl.sym(ufl.grad(u))
 
     def upset(self, by):
-        """Largest penetration of a step over its smallest facet, and closed nodes at the end."""
+        """Largest penetration in a step over its smallest facet, and active nodes at the end."""
         deepest = 0.0
         for _ in self.stepper.run(by):
             size = self.contact.slave.facet_size_range[0]
@@ -65,7 +65,7 @@ class Tube:
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)), ids=("smooth", "rough"))
 def test_rings(friction):
-    """Axisymmetric: three folds lie on each other, and nothing goes into anything."""
+    """Three axisymmetric folds lie on each other, and surfaces do not penetrate."""
     depth, closed = Tube(friction=friction).upset(1.2)
     assert depth < 0.1
     assert closed >= 3

@@ -1,4 +1,4 @@
-"""Runs with friction that go on from a checkpoint on any number of ranks."""
+"""Runs with friction that continue from a checkpoint on any number of ranks."""
 
 import pathlib
 
@@ -27,13 +27,13 @@ def folder(tmp_path_factory):
 
 
 class Dragged:
-    """An elastic block, pressed and dragged to and back by a plane, or by a stiffer block.
+    """An elastic block, pressed and dragged forwards and backwards by a plane or a stiffer block.
 
-    It sticks in part, slips, sticks again and slips back: what has been decides what comes.
+    It sticks in part, slips, sticks again and slips back: the result depends on the history.
     """
 
     PATH = ((0.0, -0.03), (0.03, -0.06), (0.05, -0.06), (0.1, -0.06), (0.098, -0.06), (0.06, -0.06))
-    #: Less than the plane goes down in all.
+    #: Less than the total downward motion of the plane.
     RADIUS = 0.045
 
     def __init__(self, comm=WORLD, kind="tool", partition="forward", **options):
@@ -69,7 +69,7 @@ class Dragged:
 
 
 class Rolled:
-    """An elastic block that a ball is pressed into and moved about on: its tangent planes tilt."""
+    """An elastic block with a ball that is pressed into it and moved: the tangent planes tilt."""
 
     PATH = ((0.0, 0.0, -0.1), (0.1, 0.05, -0.1), (0.1, 0.2, -0.12), (0.2, 0.1, -0.12))
 
@@ -92,7 +92,7 @@ class Rolled:
 
 
 class Cornered:
-    """An elastic block dragged along a floor into its corner with a wall, and about in it."""
+    """An elastic block dragged along a floor into the corner with a wall, and moved there."""
 
     PATH = ((0.0, 0.03), (-0.06, 0.04), (-0.08, 0.06), (-0.12, 0.06), (-0.12, 0.12))
 
@@ -118,7 +118,7 @@ class Cornered:
 
 
 class Flowing(Upset):
-    """A viscous block on an elastic die, upset by a plane that also drags it."""
+    """A viscous block on an elastic die, upset by a plane that also drags the block."""
 
     def __init__(self, comm=WORLD, partition="forward", **options):
         options = {"contact": {"friction": qs.Coulomb(0.1)} | options}
@@ -151,7 +151,7 @@ def results(case):
 
 
 def states(contact):
-    """Numbers of this rank's nodes that slip, and that are in contact."""
+    """Counts of this rank's nodes that slip, and that are in contact."""
     return np.array([np.count_nonzero(contact.slipping()), np.count_nonzero(contact.active())])
 
 
@@ -175,7 +175,10 @@ def states(contact):
     ),
 )
 def test_goes_on_as_if_uninterrupted(folder, name, at, options):
-    """Tractions, slip and energy of each later step; on another partition and on one rank, too."""
+    """After a restart, tractions, slip and energy of later steps are as without interruption.
+
+    This holds on another partition and on one rank, too.
+    """
     make, more = CASES[name]
     whole, expected = make(**more, **options), []
     for _ in range(at):

@@ -1,4 +1,4 @@
-"""Steps of more than a facet against rigid tools: bodies and tools go on together."""
+"""Steps of more than a facet against rigid tools: the prediction moves bodies with the tools."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ class Pressed:
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("kind", TOOLS)
 def test_pressed_by_more_than_a_facet(kind, quadrature, enforcement):
-    """Down, down, up by half, and down: never lost."""
+    """A tool that moves down, down, up by half, and down is never lost."""
     heights = np.cumsum([-PRESS / 8, -PRESS, -PRESS, PRESS / 2, -PRESS / 2, -PRESS])
 
     def drive(tool, t, dt):
@@ -64,7 +64,7 @@ def test_pressed_by_more_than_a_facet(kind, quadrature, enforcement):
 
 
 def test_driven_by_a_force():
-    """A tool that a force pushes goes on as well, and stays when the force does."""
+    """A force-controlled tool is predicted as well, and stays if the force stays."""
     forces = [0.02, 0.12, 0.22, 0.22, 0.32]
     case = Pressed("plane", lambda tool, t, dt: tool.drive(forces[round(t) - 1], [0.0, -1.0]))
     for force in forces:
@@ -76,7 +76,7 @@ def test_driven_by_a_force():
 
 @pytest.mark.parametrize("kind", ("displacement", "velocity"))
 def test_motion_of_the_tool_is_what_was_asked_for(kind):
-    """However it is split, it ends where displacement and rotation put it."""
+    """However its motion is split, the tool ends where displacement and rotation put it."""
 
     def drive(tool, t, dt):
         tool.displacement = [0.01 * np.sin(3 * t) * dt, -0.002 * dt]
@@ -93,7 +93,7 @@ def test_motion_of_the_tool_is_what_was_asked_for(kind):
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_rotation_vector(gdim):
-    """The inverse of the rotation matrix, also next to none and to half a turn."""
+    """rotation_vector is the inverse of rotation_matrix, also next to zero and to half a turn."""
     rng = np.random.default_rng(3)
     for angle in (0.0, 1e-12, 1e-5, 0.7, 2.5, np.pi - 1e-9, np.pi - 1e-12):
         axis = rng.normal(size=1 if gdim == 2 else 3)
@@ -105,7 +105,7 @@ def test_rotation_vector(gdim):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("facets", (1.0, 5.0))
 def test_a_round_tool_that_starts_to_slide(quadrature, facets):
-    """The step in which it starts, by this many facets, presses as hard as the one before."""
+    """The step in which a tool starts to slide, by this many facets, keeps the contact force."""
     msh = box(WORLD, (40, 4), "quadrilateral", [-2.0, -1.0], [2.0, 0.0], "scattered")
     V = vector_space(msh)
     u = fem.Function(V)
@@ -134,7 +134,10 @@ def test_a_round_tool_that_starts_to_slide(quadrature, facets):
 
 @pytest.mark.parametrize("degrees, most", ((5.0, 0.005), (15.0, 0.02)))
 def test_blocks_that_turn_together(degrees, most):
-    """Small sliding, no friction, about the middle of what touches: the force turns along."""
+    """With small sliding and no friction, the force rotates with the bodies.
+
+    They rotate about the middle of the contact.
+    """
     low = Body(box(WORLD, (5, 2, 2), "tetrahedron", (0, -1, 0), (3, 0, 1)), stiffness=1e3)
     high = Body(box(WORLD, (3, 2, 2), "tetrahedron", (1, 0, 0), (2, 0.8, 1)), stiffness=1e3)
     ends, middle = [], np.array([1.5, 0.0, 0.0])
@@ -142,7 +145,7 @@ def test_blocks_that_turn_together(degrees, most):
         ends.append(fem.Function(body.V))
         dofs = fem.locate_dofs_topological(body.V, 2, plane(body.mesh, 1, at))
         body.bcs.append(fem.dirichletbc(ends[-1], dofs))
-    slave = but_for(high, plane(high.mesh, 1, 0.8))  # what touches, and the walls
+    slave = but_for(high, plane(high.mesh, 1, 0.8))  # the contact area, and the walls
     contact = qs.Contact(slave, low.side(1, 0.0), sliding="small")
 
     def turn(t):
@@ -156,4 +159,4 @@ def test_blocks_that_turn_together(degrees, most):
     stepper = qs.TimeStepper(problem_of([low, high], [contact]), 1.0, drive)
     for t in stepper.run(4.0):
         force = turn(t).T @ contact.force("slave")
-        assert np.linalg.norm(force[[0, 2]]) < most * force[1]  # 0.09 by normals of before
+        assert np.linalg.norm(force[[0, 2]]) < most * force[1]  # 0.09 with old normals

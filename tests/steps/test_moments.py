@@ -1,4 +1,4 @@
-"""Moments over time steps: forces act where the step ends, about where the tool is then."""
+"""Moments over time steps: forces act at the end of the step, about the tool's position then."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ WAY = 0.3
 
 
 def carried(kind, theta=0.5):
-    """A block on a plane that is carried sideways with it, pressed by 10: stepper and contact."""
+    """A block pressed by 10 on a plane and moved sideways with it; stepper, contact and plane."""
     msh = box(WORLD, (4, 4), "quadrilateral", [-0.5, 0.0], [0.5, 1.0], "scattered")
     V = vector_space(msh)
     u, top = fem.Function(V), plane(msh, 1, 1.0)
@@ -36,7 +36,7 @@ def carried(kind, theta=0.5):
 
 @pytest.mark.parametrize("kind, theta", (("displacement", 0.5), ("velocity", 0.5), ("velocity", 0)))
 def test_a_block_that_is_carried(kind, theta):
-    """Its middle is above the tool's centre, whatever step it is: no moment."""
+    """A block that moves with the tool has no moment about the tool's centre in any step."""
     stepper, contact, floor = carried(kind, theta)
     seen = []
     stepper.on_solved = lambda: seen.append(contact.moment("slave")[0])
@@ -47,13 +47,13 @@ def test_a_block_that_is_carried(kind, theta):
         assert abs(contact.moment("slave")[0]) < 1e-8 * force
         assert abs(contact.moment("master")[0]) < 1e-8 * force
         assert abs(seen[-1]) < 1e-8 * force
-        # About a fixed point the force has the arm that the block has come.
+        # About a fixed point, the lever arm of the force is the displacement of the block.
         np.testing.assert_allclose(contact.moment("slave", [0.0, 0.0]), WAY * i * force, rtol=1e-8)
     np.testing.assert_allclose(floor.center, [3 * WAY, 0.0], atol=1e-12)
 
 
 def rolled(gdim, theta, friction=None, **options):
-    """A viscous block under a ball that moves and turns: stepper, contact and ball."""
+    """A viscous block under a ball that moves and rotates: stepper, contact and ball."""
     shape = (8, 2) if gdim == 2 else (4, 3, 2)
     cell = "triangle" if gdim == 2 else "hexahedron"
     low, high = [-1.0, *[-0.5] * (gdim - 2), -0.5], [1.0, *[0.5] * (gdim - 2), 0.0]
@@ -85,7 +85,10 @@ def rolled(gdim, theta, friction=None, **options):
     ),
 )
 def test_a_round_tool_without_friction(gdim, theta, options):
-    """Every force goes through its centre, within the step and after it, wherever the mesh is."""
+    """Without friction every force acts through the centre of a round tool, wherever the mesh is.
+
+    This holds within the step and after it.
+    """
     stepper, contact, ball = rolled(gdim, theta, **options)
     seen = []
     stepper.on_solved = lambda: seen.append(contact.moment("master"))
@@ -99,7 +102,7 @@ def test_a_round_tool_without_friction(gdim, theta, options):
 
 @pytest.mark.parametrize("gdim, theta", ((2, 0.5), (3, 0.0)))
 def test_torque_is_that_of_the_friction_that_acts(gdim, theta):
-    """Torque · ω + force · v is the power of the forces at the nodes where they were found."""
+    """Torque · ω + force · v is the power of the nodal forces, at the nodes of the solution."""
     stepper, contact, ball = rolled(gdim, theta, qs.Coulomb(0.3), constraints="nodes")
     powers, v, omega = [], np.zeros(3), np.array([0.01, -0.03, 0.02])
     v[[0, gdim - 1]] = 0.04, -0.05
@@ -122,7 +125,10 @@ def test_torque_is_that_of_the_friction_that_acts(gdim, theta):
 
 
 def test_a_surface_that_another_contact_has_read_since():
-    """Moments stay those of what was solved, whoever shares the surfaces; both sides balance."""
+    """Moments refer to the solution, even if another contact has updated the shared surfaces.
+
+    The moments of both sides balance.
+    """
     pair = Pair("triangle")
     pair.problem().solve()
     sides = ("slave", "master")

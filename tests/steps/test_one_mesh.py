@@ -1,4 +1,4 @@
-"""Bodies on one mesh: time steps refuse several unknowns there, and take one for all of them."""
+"""Several bodies on one mesh: time steps refuse several unknowns, and accept one for all bodies."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ DT, SPEED = 0.1, 0.4
 
 
 def faces(V, upper):
-    """Facets at y = 0 of the upper or the lower block."""
+    """Surface at y = 0 of the upper or the lower block."""
     msh = V.mesh
     found = plane(msh, 1, 0.0)
     msh.topology.create_connectivity(1, 2)
@@ -32,7 +32,7 @@ def contact_of(slave, master, kinds):
 @pytest.mark.parametrize("second", KINDS)
 @pytest.mark.parametrize("first", KINDS)
 def test_refused(first, second):
-    """Each would move the mesh as if it were its own."""
+    """Two unknowns on one mesh are refused, because each would move the mesh."""
     msh = blocks(LOWER, UPPER)
     V = [vector_space(msh), vector_space(msh)]
     u = [fem.Function(space) for space in V]
@@ -46,7 +46,7 @@ def test_refused(first, second):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_unknown_for_both(kind):
-    """The remedy gives the same forces as a mesh for each body."""
+    """One unknown for both bodies gives the same forces as a mesh for each body."""
     histories = []
     for boxes in ([LOWER, UPPER], [(LOWER, UPPER)]):
         meshes = [blocks(*(b if isinstance(b[0], tuple) else (b,))) for b in boxes]

@@ -16,12 +16,12 @@ N = 4
 
 
 class Falling:
-    """A tool, or another block, that comes down on a block through a gap of two facets.
+    """A tool, or another block, that moves down on a block through a gap of two facets.
 
     Args:
         kind: ``"plane"``, ``"facets"`` or ``"body"``.
-        speed: Downwards, length per time.
-        stepping: For the TimeStepper.
+        speed: Downward velocity, length per time.
+        stepping: Options of the TimeStepper.
     """
 
     def __init__(self, kind, speed=SPEED, sliding="small", **stepping):
@@ -46,7 +46,7 @@ class Falling:
             bcs.append([fem.dirichletbc(way, dofs, W)])
             master = qs.Surface(W, facets=plane(upper, 1, high))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # nothing is paired
+            warnings.simplefilter("ignore")  # no contact pairs
             options = {"penalty": 1e4, "search_radius": 0.2, "sliding": sliding}
             self.contact = qs.Contact(slave, master, formulation="master-slave", **options)
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
@@ -62,7 +62,7 @@ class Falling:
         self.stepper = qs.TimeStepper(self.problem, 1.0, drive, **stepping)
 
     def aside(self, speed):
-        """From now on along the block's surface."""
+        """From now on, move along the block's surface."""
         self.side = speed
 
     @property
@@ -73,7 +73,7 @@ class Falling:
 @pytest.mark.parametrize("speed", (SPEED, 1.4))
 @pytest.mark.parametrize("kind", ("plane", "facets", "body"))
 def test_found_however_deep(kind, speed):
-    """The step is cut back until contact is found, and ends as small ones do."""
+    """The step is cut back until contact is found, and the result is that of small steps."""
     case = Falling(kind, speed)
     for _ in case.stepper.run((GAP + DEEP) / speed):
         pass
@@ -89,7 +89,7 @@ def test_found_however_deep(kind, speed):
 
 @pytest.mark.parametrize("kind", ("plane", "facets", "body"))
 def test_without_a_limit_it_is_warned_of(kind):
-    """By the solve, then."""
+    """Without a limit of the penetration, the solve gives a warning."""
     case = Falling(kind, max_penetration=None)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
@@ -110,7 +110,7 @@ def test_says_where_and_how_deep():
 
 
 def test_what_comes_near_or_slides_is_not_cut_back():
-    """Many facets at once, along the surface or up to it."""
+    """Motion by many facets, along the surface or towards it, is not cut back."""
     case = Falling("plane", 0.99 * GAP)
     case.stepper.step()
     assert case.stepper.num_cutbacks == 0 and case.force == 0
@@ -122,7 +122,7 @@ def test_what_comes_near_or_slides_is_not_cut_back():
 
 @pytest.mark.parametrize("turn", (30.0, 45.0))
 def test_free_ring_is_not_lost_in_silence(turn):
-    """Each step that is made has the ring between the plates, with the forces in balance."""
+    """In each completed step the ring is between the plates, and the forces balance."""
     case = FreeRing((64, 3), turn, dt_min=0.2)
     case.stepper.step()
     squeezed = case.forces[0]
@@ -137,7 +137,7 @@ def test_free_ring_is_not_lost_in_silence(turn):
 
 
 def test_rotation_of_a_tool_is_limited():
-    """Before anything is solved; the whole angle is made, in as many steps as it takes."""
+    """The rotation per step is limited before a solve; enough steps make the whole rotation."""
     case = Falling("facets", 0.0, max_rotation=0.3)
 
     def drive(t, dt):
@@ -151,7 +151,10 @@ def test_rotation_of_a_tool_is_limited():
 
 
 def test_rotation_of_surfaces_is_limited():
-    """A ring that rolls by 30° a unit of time, of which its normals turn by that and more."""
+    """Steps are cut back for a ring that rolls by 30° per unit of time.
+
+    Its normals turn by that and more.
+    """
     case = FreeRing((48, 3), 30.0, max_rotation=np.radians(20.0))
     case.step_to(2.0)
     assert case.stepper.num_cutbacks > 0
@@ -160,13 +163,13 @@ def test_rotation_of_surfaces_is_limited():
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 @pytest.mark.parametrize("kind", ("plane", "facets", "body"))
 def test_slip_is_limited(kind, sliding):
-    """Pressed by a tool that then goes along: facets of 1/4, so 0.3 is 1.2 of them."""
+    """A tool presses and then slides: with facets of 1/4, a slip of 0.3 is 1.2 facets."""
     ways = []
     for max_slip in (None, 1.1, 0.5):
         case = Falling(kind, GAP + 0.02, sliding, max_slip=max_slip)
         for _ in case.stepper.run(1.0):
             pass
-        case.aside(1e-9)  # rests, so that nothing is expected to go on downwards
+        case.aside(1e-9)  # stops, so that no downward motion is predicted
         case.stepper.dt = 0.1
         case.stepper.step()
         case.aside(0.3)
@@ -178,7 +181,7 @@ def test_slip_is_limited(kind, sliding):
 
 
 def test_a_limit_below_what_counts_as_closed():
-    """A penalty's depth that is next to none has no place, and is refused all the same."""
+    """A tiny penetration of a penalty contact, without a position, is refused all the same."""
     msh = box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered")
     V = vector_space(msh)
     u = fem.Function(V)

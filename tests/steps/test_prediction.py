@@ -1,4 +1,4 @@
-"""Where a time step starts: displacements go on at their rate, meshes are moved by velocities."""
+"""Start of a time step: displacements are extrapolated, meshes are moved by velocities."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ import qsdolfinx as qs
 
 
 class Pressed:
-    """An elastic block that slides on its sides, below a plane that goes down at one speed."""
+    """An elastic block with sliding sides, below a plane that moves down at constant speed."""
 
     def __init__(self, dt, solve=None, drive=None, **stepping):
         self.mesh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
@@ -36,11 +36,14 @@ class Pressed:
 
 
 def test_displacements_go_on_at_their_rate():
-    """u + Δt Δu/Δt_last, for steps of any size: the solution where loads grow at one rate."""
+    """The prediction is u + Δt Δu/Δt_last, for steps of any size.
+
+    It is the solution where loads grow at a constant rate.
+    """
     starts = {}
 
     def solve(step):
-        starts.setdefault(step, case.u.x.array.copy())  # the first step pairs twice
+        starts.setdefault(step, case.u.x.array.copy())  # the first step is solved twice
         case.problem.solve()
 
     case = Pressed(0.2, solve)
@@ -57,13 +60,13 @@ def test_displacements_go_on_at_their_rate():
         expected = ends[i] + (times[i + 1] - times[i]) * rate
         assert largest(starts[i] - expected) < 1e-14
         assert largest(ends[i] - ends[i - 1]) > 0.01 * size
-        assert largest(ends[i + 1] - expected) < 1e-3 * size  # not quite: the surface gets longer
+        assert largest(ends[i + 1] - expected) < 1e-3 * size  # not exact: the surface gets longer
 
 
 @pytest.mark.parametrize("part", (0.0, 0.5, -1.0, 1.5))
 @pytest.mark.parametrize("by_conditions", (False, True))
 def test_loads_that_go_on_in_part(by_conditions, part):
-    """What moves at a part of its rate, from 0 to 1: as much of the last step is predicted."""
+    """Loads that continue at a fraction of their rate, from 0 to 1, scale the prediction by it."""
     starts = []
 
     def solve(step):
@@ -88,7 +91,10 @@ def test_loads_that_go_on_in_part(by_conditions, part):
 
 @pytest.mark.parallel
 def test_a_step_without_a_change_of_loads():
-    """It is the equilibrium there was: a tip that was dragged would snap over lines of the mesh."""
+    """Without a change of the loads the equilibrium stays the same.
+
+    A tip that was dragged would otherwise snap over lines of the mesh.
+    """
     block = Body(box(WORLD, (20, 6), "quadrilateral", (0.0, -1.0), (3.0, 0.0)))
     tip = Body(wedge_of(6, 0.6, 0.3))
     block.clamp(plane(block.mesh, 1, -1.0))
@@ -122,7 +128,7 @@ def wedge_of(n, x, half):
 
 
 def test_a_failed_attempt_predicts_anew():
-    """With half of Δt half of the way is predicted, from where the step begins."""
+    """After a failed attempt, half of Δt predicts half of the motion from the step's start."""
     starts = []
 
     def solve(step):
@@ -142,7 +148,7 @@ def test_a_failed_attempt_predicts_anew():
 
 @pytest.mark.parametrize("theta", (0.0, 0.3, 0.5))
 def test_meshes_are_moved_by_the_last_velocity(theta):
-    """x + θ Δt v, v being the velocity of the last step, from which the solver starts, too."""
+    """The mesh is moved to x + θ Δt v; the last velocity v is also the initial guess."""
     starts = []
 
     def solve(step):
@@ -162,13 +168,13 @@ def test_meshes_are_moved_by_the_last_velocity(theta):
         assert largest(w - w_end) == 0
         assert largest(x - x_end - moved) < 1e-15
         assert theta == 0 or largest(moved) > 0.1 * theta * dt * SPEED
-    # Where the step ends: the velocity that was found, over the whole of it.
+    # The step ends with the velocity that was found, applied over the whole step.
     (_, before), (w, after) = ends[1:]
     assert largest(after - before - 0.03 * motion.values(w)) < 1e-15
 
 
 def test_first_step_is_made_twice():
-    """The velocity that the first solve finds moves the mesh for the second."""
+    """The first step is solved twice: the first velocity moves the mesh for the second solve."""
     starts, found = [], []
 
     def solve(step):
@@ -189,11 +195,12 @@ def test_first_step_is_made_twice():
 
 @pytest.mark.parametrize("theta", (0.0, 0.4))
 def test_where_contact_pairs(theta):
-    """First where bodies are solved for, displacements predicted; then as found.
+    """Contact is first detected at the start or predicted position, then at the solution.
 
-    With θ = 0 contact then pairs at the end of the step.
+    Velocity-based bodies start from their position in the solve, displacements are predicted. With
+    θ = 0 contact is then updated at the end of the step.
     """
-    # Of each solve, whether contact has paired by the solution. The first is made twice.
+    # For each solve: whether contact was updated at the solution. The first step is solved twice.
     as_found = iter([*([False] if theta else []), False, True, False, True])
     errors = []
 

@@ -1,4 +1,4 @@
-"""Values that any rank has by keys, beside a dictionary of all of them."""
+"""Find values by keys that any rank may have, compared with a dictionary of all values."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from qsdolfinx.steps.rendezvous import find
 
 @pytest.mark.parallel
 def test_all_values_of_keys_are_found():
-    """Keys that come several times, on several ranks, or nowhere; ranks that have or want none."""
+    """Keys may occur several times, on several ranks or nowhere; ranks may have or want none."""
     rng = np.random.default_rng(11 + WORLD.rank)
     rank, last = WORLD.rank, WORLD.size - 1
     known = rng.integers(-2, 6, (0 if rank == last and last else 40, 3))
@@ -27,7 +27,7 @@ def test_all_values_of_keys_are_found():
 
 @pytest.mark.parallel
 def test_each_file_of_a_checkpoint_is_read_once(tmp_path_factory, monkeypatch):
-    """Of five ranks' files each is read by one of the ranks here."""
+    """Each of the files of five ranks is read by one of the ranks of this run."""
     folder = WORLD.bcast(tmp_path_factory.mktemp("files"), root=0) / "state"
     if WORLD.rank == 0:
         folder.mkdir()

@@ -1,4 +1,4 @@
-"""Loads beyond which there is another equilibrium far away, or none."""
+"""Loads beyond which the next equilibrium is far away, or does not exist."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def arch(load):
 
 
 def test_force_through_a_limit():
-    """It snaps to where the same displacement of the tool needs the same force."""
+    """Under force control the arch snaps to a state that displacement control finds as well."""
     pushed, _, stepper = arch(lambda tool, t, dt: tool.drive(0.8 * t, [0.0, -1.0]))
     ways = []
     for _ in stepper.run(1.0):
@@ -45,12 +45,12 @@ def test_force_through_a_limit():
 
     _, contact, stepper = arch(move)
     forces = [contact.force("master")[1] for _ in stepper.run(1.0)]
-    assert min(np.diff(forces)) < 0  # beyond the limit it needs less
+    assert min(np.diff(forces)) < 0  # beyond the limit point the force decreases
     assert forces[-1] == pytest.approx(0.8, rel=1e-6)
 
 
 def test_no_equilibrium():
-    """A block that is pushed by more than its friction: smaller steps are not advised."""
+    """A push larger than friction has no equilibrium: the error does not advise smaller steps."""
     body = Body(box(WORLD, (3, 2), "quadrilateral", (0.0, 0.0), (1.0, 0.5)), stiffness=1e3)
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     body.press(1, 0.5, 1.0)
@@ -69,5 +69,5 @@ def test_no_equilibrium():
         for _ in stepper.run(1.0):
             state = body.u.x.array.copy()
     assert "qs.TimeStepper" not in str(caught.value)
-    assert stepper.t == 0.25  # of 0.3 that it can take
+    assert stepper.t == 0.25  # the maximum is 0.3
     np.testing.assert_array_equal(body.u.x.array, state)

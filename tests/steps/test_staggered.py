@@ -1,4 +1,4 @@
-"""Heat after motion in time steps: order in time, heat of friction, what is put back."""
+"""Heat after motion in time steps: order in time, frictional heat, and restored states."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from qsdolfinx import materials
 
 
 class Billet:
-    """A Norton-Hoff billet between planes without friction, which softens as it heats up.
+    """A Norton-Hoff billet between frictionless planes, which softens as it heats up.
 
     Insulated it deforms uniformly: ε̇ = V/h, and c dT/dt = β √3^{m+1} K₀ e^{−a T} ε̇^{m+1}, so that
     e^{aT} = 1 + a β √3^{m+1} K₀ V^m (h^{−m} − h₀^{−m}) / (c m).
@@ -42,7 +42,7 @@ class Billet:
         if with_bad_heat:
             none = ufl.conditional(ufl.gt(dt, 0.03), 1e6, 0.0) * (1.0 + T**2)
             heat += none * ufl.TestFunction(V) * ufl.dx
-        few = {"snes_max_it": 8} if with_bad_heat else {}  # it would be tried for long
+        few = {"snes_max_it": 8} if with_bad_heat else {}  # it would iterate for long
         problem = qs.ContactProblem([heat], [T], [], petsc_options=few)
         self.staggered = qs.Staggered(problem, [before], dt)
 
@@ -64,7 +64,7 @@ class Billet:
 
 
 def test_order_in_time():
-    """The isothermal split is of order 1."""
+    """The isothermal split is of first order in time."""
     errors = []
     for steps in (4, 8, 16):
         billet = Billet()
@@ -78,19 +78,19 @@ def test_order_in_time():
 
 
 def test_failure_of_the_heat_cuts_the_step_back():
-    """A heat problem that cannot be solved for large Δt: smaller steps are made."""
+    """If the heat problem cannot be solved for a large Δt, smaller steps are made."""
     billet = Billet(with_bad_heat=True)
     stepper = billet.stepper(0.04)
     stepper.step()
     assert stepper.num_cutbacks == 1 and stepper.last_dt == pytest.approx(0.02)
     assert stepper.t == pytest.approx(0.02)
-    first = stepper.num_iterations  # those of the step, where one has failed, too
+    first = stepper.num_iterations  # all of the step, with its failed attempt
     stepper.step()
     assert stepper.total_iterations == first + stepper.num_iterations > first > 0
 
 
 def test_what_ends_a_step_after_the_heat_leaves_no_trace():
-    """All is solved for when somebody refuses it: the next step is as if it were the first."""
+    """A step that is refused after all solves leaves no trace: the next step is as a first step."""
 
     def refuse():
         raise LookupError("refused")
@@ -111,7 +111,7 @@ def test_what_ends_a_step_after_the_heat_leaves_no_trace():
 
 
 def test_heat_of_friction_in_steps():
-    """A block dragged over another: all that friction takes is heat, over all steps."""
+    """All energy dissipated by friction becomes heat, over all steps of one block on another."""
     u, T, before, forms, heat, bcs, surfaces, fields = ([] for _ in range(8))
     dt = []
     for i in range(2):

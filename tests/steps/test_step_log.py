@@ -1,4 +1,4 @@
-"""The log of attempts: a row each, with what happened and why; it goes through a restart."""
+"""The log of attempts has a row for each, with result and reason; a restart keeps it."""
 
 import csv
 import logging
@@ -14,7 +14,7 @@ DT = 0.05
 
 
 def run(caplog):
-    """The second step is made at the second attempt."""
+    """Run two steps; the second step succeeds at the second attempt."""
     caplog.set_level(logging.INFO, logger="qsdolfinx")
     case = Upset(growth=1.0)
     calls = []
@@ -66,7 +66,7 @@ def test_rows(caplog, tmp_path_factory):
 
 
 def test_faults():
-    """What is wrong with a solution is the reason; the last attempt has failed."""
+    """The reason is what is wrong with the solution; the last attempt has failed."""
     case = Upset(dt_min=0.02, max_rotation=0.1)
 
     def turn(t, dt):

@@ -1,4 +1,4 @@
-"""Time steps: order, contact at the end of the step, bodies in velocities and displacements."""
+"""Time steps: order, contact at the end of the step, velocity- and displacement-based bodies."""
 
 from mpi4py import MPI
 
@@ -15,7 +15,10 @@ import qsdolfinx as qs
 
 @pytest.mark.parametrize("theta, order", [(0.5, (1.8, 2.4)), (0.0, (0.9, 1.1))])
 def test_order(theta, order):
-    """Volume drift, and the force 4 K w V/h of plane strain where the step is solved for."""
+    """The volume drift has the expected order; the force is 4 K w V/h at the position of the solve.
+
+    The scene is in plane strain.
+    """
     drift = []
     for steps in (4, 8):
         case = Upset(n=2, dt=0.2 / SPEED / steps, theta=theta)
@@ -35,7 +38,10 @@ def test_order(theta, order):
 
 @pytest.mark.parametrize("partition", [None, "scattered", "last"])
 def test_same_history_on_any_number_of_ranks(partition):
-    """A body in velocities between a rigid plane and an elastic die in total displacements."""
+    """A run with a velocity-based body does not depend on the number of ranks.
+
+    It is between a rigid plane and an elastic die in total displacements.
+    """
     history = []
     for comm, how in ((WORLD, partition), (MPI.COMM_SELF, None)):
         case = Upset(comm, die=True, dt=0.05, partition=how)
@@ -47,17 +53,17 @@ def test_same_history_on_any_number_of_ranks(partition):
         assert case.problem.bodies[1].num_assemblies == 1
         assert np.array_equal(case.stepper.motions[1].reference, case.die_mesh.geometry.x)
         assert abs(case.forces()[[1, 3]].sum()) < 1e-8 * K
-        assert max(rows[-1][-2:]) < 1e-3  # of the deepest points
+        assert max(rows[-1][-2:]) < 1e-3  # at the deepest points
         history.append(np.array(rows)[:, :-2])
         case.problem.destroy()
     assert history[0].shape == history[1].shape == (3, 9)
     np.testing.assert_allclose(history[0], history[1], rtol=1e-8, atol=1e-8)
-    # The die gives way, so that the block is higher than between rigid planes.
+    # The die is compliant, so the block is higher than between rigid planes.
     assert history[0][-1, 6] > 0.85 + 1e-4
 
 
 def indentation(num_pairings, theta, radius=1.0, depth=0.1):
-    """Largest distance of closed nodes from a rigid cylinder after a large step into a block."""
+    """Largest distance of active nodes from a rigid cylinder after a large step into a block."""
     msh = box(WORLD, (12, 6), "triangle", [-1.0, -1.0], [1.0, 0.0])
     W = qs.materials.mini_space(msh)
     w = fem.Function(W)
@@ -84,9 +90,9 @@ def indentation(num_pairings, theta, radius=1.0, depth=0.1):
 
 
 def test_pairing_at_the_end_of_the_step():
-    """Distances from the tool on the final meshes: with θ = 0, pairing again there closes them.
+    """With θ = 0, updating contact at the end of the step closes gaps on the final meshes.
 
-    Contact does so once by itself, since it has slid by a facet's third.
+    Contact does so once by itself, since it has slid by a third of a facet.
     """
     deepest = [indentation(n, 0.0) for n in (2, 3, 4)]
     assert deepest[0] > 1e-5, deepest
@@ -95,14 +101,14 @@ def test_pairing_at_the_end_of_the_step():
 
 @pytest.mark.parametrize("num_pairings", (1, 2))
 def test_pairing_in_the_middle_of_the_step(num_pairings):
-    """Distances from the tool on the final meshes: they fall with the square of Δt."""
+    """Distances from the tool on the final meshes decrease with the square of Δt."""
     deepest = [indentation(num_pairings, 0.5, depth=depth) for depth in (0.1, 0.05, 0.025)]
     assert deepest[0] > 1e-4, deepest
     assert deepest[1] < 0.35 * deepest[0] and deepest[2] < 0.35 * deepest[1], deepest
 
 
 def test_driven_tool_with_two_pairings():
-    """A force that drives the tool: both parts of its way count."""
+    """With two updates of the contact, both parts of a force-controlled tool's motion count."""
     case = Upset(dt=0.05, num_pairings=2, drive=None)
     case.tool.drive(4 * K * SPEED, [0.0, -1.0])
     case.stepper.step()
@@ -145,14 +151,14 @@ def test_failed_attempt_leaves_nothing_behind():
 
 
 def test_absurd_first_step():
-    """The plane would go through the block."""
+    """A first step in which the plane would pass through the block is cut back."""
     case = Upset(dt=2.0, dt_min=1e-3)
     solved = []
     case.stepper.on_solved = lambda: solved.append(1)
     dt = case.stepper.step()
     assert case.stepper.num_cutbacks >= 2 and dt <= 0.5
     assert np.isclose(case.size()[1], 1 - SPEED * dt, rtol=1e-6)
-    assert case.stepper.dt == dt and len(solved) == 1  # not for attempts that were given up
+    assert case.stepper.dt == dt and len(solved) == 1  # not called for rejected attempts
 
 
 def test_smallest_step():
@@ -191,7 +197,7 @@ def test_other_errors_pass():
 
 
 def test_penetration():
-    """With a soft penalty half of the plane's way is penetration."""
+    """With a soft penalty half of the plane's displacement is penetration; it can be limited."""
     soft = {"penalty": 40.0, "enforcement": "penalty"}
     case = Upset(dt=0.02, contact=soft, max_penetration=0.01)
     assert case.stepper.step() == 0.02
@@ -204,7 +210,7 @@ def test_penetration():
 
 
 def test_distortion():
-    """Flat cells end the run, before they are flatter than allowed."""
+    """The run ends before cells are flatter than allowed."""
     case = Upset(n=2, dt=0.1, min_quality=0.3)
     raises_everywhere(WORLD, qs.StepError, "mesh of u[0] is distorted", lambda: run(case, 0.95))
     assert 0.3 <= case.stepper.motions[0].quality() < 0.6
@@ -222,13 +228,13 @@ def test_growth():
     case = Upset(dt=0.01, dt_max=0.04, growth=2.0, easy=200)
     assert np.allclose(run(case, 0.15), [0.01, 0.03, 0.07, 0.11, 0.15], rtol=1e-12)
     case = Upset(dt=0.01, dt_max=0.04, growth=2.0, easy=1)
-    case.stepper.easy = 0  # one iteration may do
+    case.stepper.easy = 0  # one iteration may be enough
     case.stepper.step()
     assert case.stepper.dt == 0.01  # not easy
 
 
 def test_lands_on_the_end():
-    """Never past it, exactly on it, without a tiny last step; and Δt is not lost by that."""
+    """Steps end exactly at the end time, without a tiny last step, and Δt stays as it was."""
     case = Upset(n=1, dt=0.07)
     times = [0.0]
     for t_end in (0.1, 0.3, 0.3 + 0.07 / 3):

@@ -1,4 +1,4 @@
-"""Steps that miss what was expected of them to changing sides."""
+"""Detection of steps whose deviation from the prediction alternates in sign."""
 
 import numpy as np
 import orders
@@ -12,7 +12,7 @@ from qsdolfinx.steps.mesh_motion import MeshMotion
 
 
 def test_no_force_swings_up():
-    """A dome slides under a block without friction; what swings grew to 0.3 % in these steps."""
+    """A dome slides under a block without friction; oscillations grew to 0.3 % in these steps."""
     (sideways, down), _ = orders.Run(orders.SCENES["two elastic"], 64).result
     assert abs(sideways) < 5e-4 * abs(down)
 
@@ -21,15 +21,15 @@ def test_no_force_swings_up():
     "now, before, expected",
     [
         ((0.1, 0.2), (-0.1, -0.3), True),
-        ((0.1, 0.2), (0.1, 0.3), False),  # it goes on accelerating
-        ((0.1, 0.2), (0.2, -0.1), False),  # to another side, not to the other one
-        ((1e-5, 2e-5), (-0.1, -0.3), False),  # next to nothing
+        ((0.1, 0.2), (0.1, 0.3), False),  # still accelerating
+        ((0.1, 0.2), (0.2, -0.1), False),  # another direction, not the opposite
+        ((1e-5, 2e-5), (-0.1, -0.3), False),  # next to zero
         ((0.1, 0.2), (-1e-15, -3e-15), False),  # rounding
         ((0.0, 0.0), (0.0, 0.0), False),
     ],
 )
 def test_what_swings(now, before, expected):
-    """The same on all ranks, also on those that own little of the mesh."""
+    """The result is the same on all ranks, also on ranks that own little of the mesh."""
     V = vector_space(box(WORLD, (2, 1), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered"))
     motion = MeshMotion(fem.Function(V))
     n = len(motion.u.x.array) // 2

@@ -1,4 +1,4 @@
-"""Ties over time steps: they stay where they were made, whatever moves with them."""
+"""Ties over time steps: tied points keep their partners, whatever moves with them."""
 
 from mpi4py import MPI
 
@@ -21,7 +21,7 @@ KINDS = {
 
 
 def block(comm=WORLD, low=0.0, n=4, partition="scattered", degree=1):
-    """A unit block above this height: its space."""
+    """Function space of a unit block above this height."""
     msh = box(comm, (n, n), "quadrilateral", [0.0, low], [1.0, low + 1.0], partition)
     return fem.functionspace(msh, ("Lagrange", degree, (2,)))
 
@@ -35,7 +35,7 @@ class OnTool:
 
     Args:
         drive: Called with the tool, t and Δt.
-        form: From u to the body's form.
+        form: Function from u to the body's form.
         held: Whether the bottom is clamped.
     """
 
@@ -61,7 +61,7 @@ def pull(tool, t, dt):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("num_pairings", (1, 2))
 def test_pulled_by_a_plane(num_pairings, quadrature, enforcement):
-    """Two springs in a row; the block's force grows with the way, step by step."""
+    """Block and tie act as two springs in series; the force grows with the displacement."""
     case = OnTool(pull, quadrature=quadrature, enforcement=enforcement)
     case.stepper.num_pairings = num_pairings
     stiffness = 1 / (1 + (1 / STIFFNESS if enforcement == "penalty" else 0))
@@ -77,7 +77,7 @@ def test_pulled_by_a_plane(num_pairings, quadrature, enforcement):
 @pytest.mark.parametrize("theta", (0.0, 0.5))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_flow_follows_a_plane(enforcement, theta):
-    """The body lags behind by what its force takes, and not by more with each step."""
+    """The body lags behind the plane by its force over the stiffness; the lag does not grow."""
     case = OnTool(pull, kind="velocity", theta=theta, enforcement=enforcement)
     for i in range(1, 6):
         case.stepper.step()
@@ -89,7 +89,7 @@ def test_flow_follows_a_plane(enforcement, theta):
 
 
 def two_blocks(kind, load, enforcement="penalty", degree=1):
-    """Two tied blocks, the lower one held, the upper one loaded: problem, contact, unknowns."""
+    """Two tied blocks, the lower one clamped, the upper one loaded: problem, contact, unknowns."""
     V = [
         block(low=0.0, n=4, degree=degree),
         block(low=1.0, n=3, partition="backward", degree=degree),
@@ -111,7 +111,10 @@ def two_blocks(kind, load, enforcement="penalty", degree=1):
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_a_constant_load_lets_nothing_creep(enforcement, degree):
-    """Surfaces of degree 2 are curved where they pair, too."""
+    """Under a constant load nothing creeps.
+
+    Surfaces of degree 2 are curved at contact detection, too.
+    """
     load = [0.02, -0.1]
     problem, contact, u = two_blocks("displacement", load, enforcement, degree)
     problem.solve()
@@ -126,7 +129,10 @@ def test_a_constant_load_lets_nothing_creep(enforcement, degree):
 
 
 def test_flowing_bodies_stay_together():
-    """Both in velocities under a constant load: the jump is that of the force, at all times."""
+    """With velocity-based bodies under a constant load, the gap at the tie is that of the force.
+
+    This holds at all times.
+    """
     problem, _, u = two_blocks("velocity", [0.0, -0.1])
     stepper = qs.TimeStepper(problem, 0.1)
     for _ in range(4):
@@ -138,7 +144,7 @@ def test_flowing_bodies_stay_together():
 
 
 def test_turned_by_a_right_angle():
-    """A free block turns with its plane; nothing is strained, nor is the tie."""
+    """A free block rotates with its plane, without strain in the block or in the tie."""
 
     def form(u):
         P = materials.neo_hookean(u, 1.0, 1.0)
@@ -159,7 +165,7 @@ def test_turned_by_a_right_angle():
 
 
 def test_failed_attempts_leave_no_trace():
-    """Steps that are cut back end where whole ones do."""
+    """Steps that are cut back end in the same state as whole steps."""
     whole, case = OnTool(pull), OnTool(pull)
     for _ in whole.stepper.run(3.0):
         pass
@@ -203,7 +209,7 @@ def test_restart(folder, kind):
 
 
 def test_steps_by_hand():
-    """A tie follows its tool, whether or not contact is updated."""
+    """A tie follows its tool in solves without steps, with or without an update of contact."""
     forces = []
     for updates in (False, True):
         case = OnTool(pull, enforcement="penalty")
@@ -219,9 +225,9 @@ def test_steps_by_hand():
 
 
 class Rings:
-    """Two tied rings whose facets do not match, both turned by their far sides.
+    """Two tied rings whose facets do not match, both rotated at their far sides.
 
-    Between their chords are gaps. A tie that did not let these turn would strain what only turns.
+    Their chords have gaps. A tie that did not rotate these gaps would strain a rigid rotation.
     """
 
     def __init__(self, sliding):
@@ -279,7 +285,7 @@ def test_rings_turned_by_half_a_turn(sliding):
 
 
 def test_rings_turned_by_hand():
-    """Solves without steps turn small gaps by small rotations, and say so."""
+    """Solves without steps rotate small gaps by small rotations only, and give a warning."""
     case = Rings("small")
     case.turn(0.5)
     with pytest.warns(qs.ContactWarning, match="tied surfaces with a gap"):

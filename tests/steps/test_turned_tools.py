@@ -1,4 +1,4 @@
-"""Tools that spin in time steps with friction: how they got where they are does not count."""
+"""Tools that rotate in time steps with friction: their earlier rotation has no effect."""
 
 import numpy as np
 import pytest
@@ -14,14 +14,14 @@ CENTER = np.array([0.5, 0.5, 1.0])
 
 
 def turn(angle):
-    """Position of a tool that has turned about the vertical through CENTER."""
+    """Position of a tool that is rotated about the vertical through CENTER."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.column_stack([R, CENTER - R @ CENTER])
 
 
 def spun(kind, before, num_pairings):
-    """Slip, friction and energy after a tool has pressed on a block and spun on it in two steps."""
+    """Slip, friction and energy after a tool was pressed on a block and rotated, in two steps."""
     msh = box(WORLD, (3, 3, 2), "hexahedron", [0.0] * 3, [1.0] * 3, "scattered")
     V = vector_space(msh)
     u = fem.Function(V)
@@ -50,7 +50,7 @@ def spun(kind, before, num_pairings):
 @pytest.mark.parametrize("num_pairings", (1, 2))
 @pytest.mark.parametrize("kind", TOOLS)
 def test_where_the_tool_comes_from(kind, num_pairings):
-    """A tool that has turned by any angle before does the same, if it is a plane."""
+    """A plane that was rotated by any angle before gives the same results."""
     first = spun(kind, 0.0, num_pairings)
     other = spun(kind, 1.0, num_pairings)
     for a, b in zip(first, other, strict=True):
@@ -62,7 +62,7 @@ def test_where_the_tool_comes_from(kind, num_pairings):
 @pytest.mark.parametrize("shape", ("cylinder", "facets"))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_a_round_tool_turns_in_place(enforcement, shape, turns):
-    """Nothing changes: its points go away from where they are paired, and others come."""
+    """Rotation of a round tool in place changes nothing, although its contact points change."""
     msh = box(WORLD, (12, 4), "quadrilateral", [0.0, -1.0], [3.0, 0.0], "scattered")
     V = vector_space(msh)
     u = fem.Function(V)
@@ -86,7 +86,7 @@ def test_a_round_tool_turns_in_place(enforcement, shape, turns):
     forces = []
     for _ in stepper.run(1.0 + len(turns)):
         forces.append(contact.force("master")[1])
-    # The polygon has other facets there, and pairs once more in the step in which it stops.
+    # The polygon has other facets there, and contact is updated once more in the step of the stop.
     rtol = 2e-3 if shape == "cylinder" else 8e-3
     np.testing.assert_allclose(forces, forces[0], rtol=rtol)
     assert abs(forces[0]) > 1e-3
@@ -95,7 +95,7 @@ def test_a_round_tool_turns_in_place(enforcement, shape, turns):
 @pytest.mark.parametrize("num_pairings", (1, 2))
 @pytest.mark.parametrize("theta", (0.0, 0.5))
 def test_roll_that_turns_under_a_fluid(theta, num_pairings):
-    """A cylinder that turns in place, without friction, changes nothing, however far it turns."""
+    """A frictionless cylinder that rotates in place changes nothing, at any angle."""
     found = []
     for angle in (0.0, 0.05, 0.3):
         msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
@@ -127,7 +127,7 @@ ROLLER = np.array([0.5, -1.0])
 
 
 def pressed_block():
-    """A block on the roller: residual, displacement, its top's and conditions, and its surface."""
+    """A block on the roller: residual, displacement and conditions; value at its top; surface."""
     msh = box(WORLD, (6, 6), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered")
     V = vector_space(msh)
     u, top = fem.Function(V), fem.Constant(msh, (0.0, 0.0))
@@ -137,7 +137,7 @@ def pressed_block():
 
 
 def rigid_roller(shape):
-    """A round tool of radius 1: with facets of 0.05 it is the same again when it has turned."""
+    """A round tool of radius 1; with facets of 0.05 a rotation by facets maps it to itself."""
     if shape == "cylinder":
         return qs.RigidSurface.cylinder(WORLD, ROLLER, None, 1.0)
     i = np.arange(126)
@@ -146,7 +146,7 @@ def rigid_roller(shape):
 
 
 def elastic_roller():
-    """Half of such a ring: residual, displacement and conditions, its hub's, and its surface."""
+    """Half of an elastic ring: residual, displacement and conditions; value at its hub; surface."""
     msh = box(WORLD, (4, 63), "quadrilateral", [0.5, 0.0], [1.0, 63 * 0.05])
     outside, inside = plane(msh, 0, 1.0), plane(msh, 0, 0.5)
     radius, angle = msh.geometry.x[:, 0].copy(), msh.geometry.x[:, 1] + np.pi / 2 - 31.5 * 0.05
@@ -159,7 +159,7 @@ def elastic_roller():
 
 
 def forces(contact, problem, drive):
-    """Of three steps."""
+    """Contact forces of three steps."""
     stepper = qs.TimeStepper(problem, 1.0, drive)
     return np.array([contact.force("slave")[1] for _ in stepper.run(3.0)])
 
@@ -168,7 +168,10 @@ def forces(contact, problem, drive):
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 @pytest.mark.parametrize("shape", ("cylinder", "facets"))
 def test_a_roller_that_turns_as_it_begins_to_press(shape, friction, depths):
-    """Its turn opens linear gaps by R φ²/2, 0.12 facets, where it is as close as it was."""
+    """A rotation as a roller begins to press does not change forces, as the distance is the same.
+
+    A gap that is linear in the rotation would open by R φ²/2, 0.12 facets.
+    """
 
     def pressed(angle):
         (F, u, bcs), top, surface = pressed_block()
@@ -189,7 +192,7 @@ def test_a_roller_that_turns_as_it_begins_to_press(shape, friction, depths):
 
 @pytest.mark.parametrize("role", ("slave", "master"))
 def test_a_body_that_turns_as_it_begins_to_press(role):
-    """The same of a roller that is a body turned by its hub."""
+    """A rotation does not change forces either if the roller is a body rotated by its hub."""
 
     def pressed(angle):
         (F, u, bcs), top, surface = pressed_block()

@@ -1,4 +1,4 @@
-"""Meshes of degree 2 that follow the curves that facets stand for."""
+"""Meshes of degree 2 that follow the curved boundary which the facets approximate."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ RADII = 1.0, 2.0
 
 
 def nodes_of(msh, facets):
-    """Nodes of degree 2 of boundary facets, (nodes, gdim)."""
+    """Coordinates of the degree-2 nodes of boundary facets, (nodes, gdim)."""
     gdim = msh.geometry.dim
     surface = qs.Surface(fem.functionspace(msh, ("Lagrange", 2, (gdim,))), facets=facets)
     if surface.coordinates[2] is None:
@@ -23,7 +23,7 @@ def nodes_of(msh, facets):
 
 
 def shell(n, **options):
-    """Without displacements of degree 2, and what its facets are."""
+    """A Shell without displacements of degree 2."""
     return Shell(n, RADII, **options)
 
 
@@ -36,7 +36,10 @@ def off(msh, facets, radius, axes=slice(None)):
 @pytest.mark.parametrize("named", (False, True), ids=("turned", "named"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_circles(cell, named):
-    """Exact on both, however unevenly the vertices are spread, and where the arcs end."""
+    """Arcs of circles are exact, with uneven vertices and at their ends.
+
+    This holds with and without a given shape.
+    """
     ring = shell((9, 3), cell=cell, uneven=0.6, partition="scattered")
     msh = ring.mesh
     for facets, radius in ((ring.inner, 1.0), (ring.outer, 2.0)):
@@ -50,7 +53,10 @@ def test_circles(cell, named):
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("sphere", (False, True), ids=("cylinder", "sphere"))
 def test_3d(cell, sphere):
-    """Exact with a name; otherwise a part of the chord error, the less the evener facets are."""
+    """With a given shape nodes are exact; otherwise they have a part of the chord error.
+
+    The part decreases for more even facets.
+    """
     n = (6, 5, 2) if sphere else (8, 12, 2)
     body = shell(n, cell=cell, sphere=sphere, uneven=0.2, partition="last")
     axes = slice(None) if sphere else slice(2)
@@ -68,7 +74,7 @@ def test_3d(cell, sphere):
 
 
 def half_ball(size):
-    """Tetrahedra of half a ball of radius 1, and tags: 1 of what is round, 2 of what is flat."""
+    """Tetrahedra of half a ball of radius 1, and tags: 1 on the round face, 2 on the flat face."""
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize(["", "-v", "0", "-clmax", str(size), "-clmin", str(size)])
     if WORLD.rank == 0:
@@ -83,7 +89,10 @@ def half_ball(size):
 
 
 def test_unstructured():
-    """Uneven triangles; what is flat and not named stays in its plane, with the rim's nodes."""
+    """On uneven triangles nodes are on the sphere, and the flat face stays flat.
+
+    This includes the nodes of its rim.
+    """
     msh, tags = half_ball(0.4)
     new = qs.elevate(msh, tags, 1)
     named = qs.elevate(msh, tags, 1, shape=qs.smooth.Sphere([0, 0, 0], 1))
@@ -94,14 +103,17 @@ def test_unstructured():
 
 
 def test_strip():
-    """One cell wide, where vertices know nothing across the rims that they are all on."""
+    """The error is reduced on a strip that is one cell wide.
+
+    Its vertices are all on the rims, across which they have no information.
+    """
     body = shell((10, 1, 1), cell="tetrahedron")
     chord = 2 * (1 - np.cos(np.pi / 40))
     assert off(qs.elevate(body.mesh, facets=body.outer), body.outer, 2.0, slice(2)) < 0.3 * chord
 
 
 def disc(n, cell, height=1.0):
-    """A cylinder around the axis, all facets of which are on its boundary."""
+    """A disc around the axis, and the facets of its cylindrical wall."""
     msh = box(WORLD, (n, n, 2), cell, [-1.0, -1.0, 0.0], [1.0, 1.0, height])
     wall = [plane(msh, axis, value) for axis in (0, 1) for value in (-1.0, 1.0)]
     x = msh.geometry.x
@@ -111,11 +123,11 @@ def disc(n, cell, height=1.0):
 
 
 def test_creases():
-    """Where a cylinder meets its end, nodes are on both, and the end stays flat."""
+    """At the sharp edge of a cylinder nodes are on both faces, and the end stays flat."""
     msh, wall = disc(8, "tetrahedron")
     ends = np.concatenate([plane(msh, 2, value) for value in (0.0, 1.0)])
     new = qs.elevate(msh, facets=np.concatenate([wall, ends]))
-    assert off(new, wall, 1.0, slice(2)) < 1e-4  # 4e-3 of chords
+    assert off(new, wall, 1.0, slice(2)) < 1e-4  # 4e-3 with chords
     z = nodes_of(new, ends)[:, 2]
     assert largest(np.minimum(np.abs(z), np.abs(z - 1))) < 1e-14
     volume = WORLD.allreduce(fem.assemble_scalar(fem.form(fem.Constant(new, 1.0) * ufl.dx)))
@@ -123,7 +135,7 @@ def test_creases():
 
 
 def test_flat_beside_fillet():
-    """Flat facets stay flat where an arc begins, and those of the arc bulge."""
+    """Flat facets stay flat next to an arc, and the facets of the arc are curved."""
     msh = box(WORLD, (12, 2), "triangle", [0.0, 0.0], [3.0, 1.0])
     top = plane(msh, 1, 1.0)
     x = msh.geometry.x
@@ -139,7 +151,7 @@ def test_flat_beside_fillet():
 
 
 def test_same_numbers():
-    """Tags, facets and vertices are those of the mesh given, which stays as it was."""
+    """Tags, facets and vertices keep their numbers, and the given mesh does not change."""
     ring = shell((8, 2), cell="triangle")
     x = ring.mesh.geometry.x.copy()
     fdim = ring.gdim - 1

@@ -1,4 +1,4 @@
-"""Tools that moments turn: they stop where contact balances these."""
+"""Moment-controlled rigid tools: they rotate until contact balances the moment."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,13 @@ E = 1e3
 
 
 class Lever:
-    """A block below 0, held at its bottom, and a wedge on an arm that turns onto it.
+    """A block below 0, clamped at its bottom, and a wedge on an arm that rotates onto it.
 
     Args:
-        gdim: Of space.
-        solver: Linear one.
-        rings: Whether it is axisymmetric.
-        options: Of the contact.
+        gdim: Dimension of space.
+        solver: Linear solver.
+        rings: Whether the problem is axisymmetric.
+        options: Options of the contact.
     """
 
     def __init__(self, gdim, solver="auto", rings=False, **options):
@@ -46,10 +46,10 @@ class Lever:
             [elastic(self.u, E, 0.3)], [self.u], [self.contact], [self.bcs], linear_solver=solver
         )
         self.axis = None if gdim == 2 else [0.0, 1.0, 0.0]
-        self.sign = -1.0 if gdim == 2 else 1.0  # clockwise in the plane of x and z
+        self.sign = -1.0 if gdim == 2 else 1.0  # clockwise in the x-z plane
 
     def moment(self):
-        """Of contact on the tool, about what it turns about."""
+        """Moment of the contact forces on the tool, about its axis of rotation."""
         found = self.contact.moment("master", self.tool.center)
         return found[0] if self.axis is None else found @ np.array(self.axis)
 
@@ -57,13 +57,16 @@ class Lever:
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_lever(gdim, friction):
-    """The moment of the contact forces is that which drives; the same angle prescribed gives it."""
+    """The moment of the contact forces balances the driving moment.
+
+    Prescribing the same angle gives the same forces.
+    """
     lever = Lever(gdim, friction=friction)
     lever.tool.drive_moment(lever.sign * 3.0, lever.axis)
     lever.problem.solve()
     assert lever.problem.num_iterations <= 10
     np.testing.assert_allclose(lever.moment(), -lever.sign * 3.0, rtol=2e-2)
-    if friction is None:  # an arm of 1.5, and the force upwards
+    if friction is None:  # an arm of 1.5, and an upward force
         np.testing.assert_allclose(lever.contact.force("master")[-1], 2.0, rtol=2e-2)
     angle = lever.tool.rotation.copy()
     assert 0 < np.abs(angle).max() < 0.1
@@ -77,7 +80,7 @@ def test_lever(gdim, friction):
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("constraints", ("points", "nodes"))
 def test_derivative(constraints, friction):
-    """The tangent is the residual's, also by the angle."""
+    """The tangent is the derivative of the residual, also with respect to the angle."""
     lever = Lever(2, constraints=constraints, friction=friction)
     lever.tool.drive_moment(-3.0)
     equations = lever.problem.equations()
@@ -98,7 +101,7 @@ def test_derivative(constraints, friction):
 
 @pytest.mark.parametrize("solver", ("direct", "amg"))
 def test_steps(solver):
-    """A moment that grows in time steps, which pair where the tool then is."""
+    """A moment may grow in time steps, where contact is updated at the tool's position."""
     lever = Lever(3, solver=solver)
 
     def drive(t, dt):
@@ -116,7 +119,7 @@ def test_steps(solver):
 
 
 def test_bad_moments():
-    """What is asked in vain."""
+    """Invalid moments, and settings without support for moments, raise an error."""
     lever = Lever(2)
     with pytest.raises(ValueError, match="moment: must not be zero"):
         lever.tool.drive_moment(0.0)

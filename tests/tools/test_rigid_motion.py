@@ -1,4 +1,4 @@
-"""Rigid tools that move: prescribed, for good, and driven by a force; Hertz contact."""
+"""Motion of rigid tools: prescribed, advanced, and force-controlled; Hertz contact."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ QUADRATURES = ("nodal", "overlay")
 
 
 def gaps_at_rest(scene):
-    """ḡ for u = 0, with the tool where its motion takes it."""
+    """ḡ for u = 0, with the tool at its position after the motion."""
     scene.problem.set_up()
     zero = scene.surface.create_vec()
     terms.evaluate(scene.contact.model, zero, None)
@@ -26,7 +26,7 @@ def gaps_at_rest(scene):
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_displacement_or_pairing_anew(cell, tool, quadrature):
-    """A plane displaced over a step, and moved there for good, leave the same gaps."""
+    """A plane displaced over a step, or advanced to the same position, gives the same gaps."""
     scene = Pressed(cell, TOOLS[tool], quadrature=quadrature, normals="facet")
     scene.tool.displacement = np.array([0.03, -0.02, -0.05])[-scene.gdim :]
     before = gaps_at_rest(scene)
@@ -40,7 +40,10 @@ def test_displacement_or_pairing_anew(cell, tool, quadrature):
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_rotation_or_pairing_anew(cell):
-    """The same to second order in the angle, where the gap is open."""
+    """A rotated plane gives the gaps of an advanced one to second order in the angle.
+
+    The gap is open.
+    """
     errors = []
     for angle in (0.04, 0.02):
         scene = Pressed(cell, flat, quadrature="nodal")
@@ -57,7 +60,7 @@ def test_rotation_or_pairing_anew(cell):
 
 
 def test_position():
-    """Motions follow one another about a centre that moves along."""
+    """Successive motions compose, about a centre that moves with the tool."""
     tool = qs.RigidSurface.plane(WORLD, [1.0, 0.0], [0.0, 1.0])
     tool.displacement, tool.rotation = [2.0, 0.0], np.pi / 2
     tool.advance()
@@ -77,7 +80,7 @@ def test_position():
     x = np.array([0.2, 0.3, -0.6])
     solid.advance()
     np.testing.assert_allclose(solid.position @ np.append(x, 1), x + A @ x + b)
-    np.testing.assert_allclose(A @ [0.3, -0.2, 0.5], 0, atol=1e-15)  # the axis stays
+    np.testing.assert_allclose(A @ [0.3, -0.2, 0.5], 0, atol=1e-15)  # the axis does not rotate
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -85,7 +88,7 @@ def test_position():
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
 def test_as_a_body_that_is_moved(cell, formulation, quadrature, degree, law):
-    """A deformable master all of whose nodes follow the same rigid motion gives the same."""
+    """A deformable master with the same rigid motion of all nodes gives the same result."""
     gdim = 2 if cell == "triangle" else 3
     low, high = [-0.3] * (gdim - 1) + [1.0], [1.4] * gdim
     other = box(WORLD, [5] * (gdim - 1) + [1], cell, low, high, "backward")
@@ -93,7 +96,8 @@ def test_as_a_body_that_is_moved(cell, formulation, quadrature, degree, law):
     part = mesh.create_submesh(other, gdim - 1, facets)[0]
     center = [0.5] * (gdim - 1) + [1.0]
     options = {"formulation": formulation, "quadrature": quadrature, "penalty": 50.0}
-    # On uneven quadrilaterals the rule depends on where a piece begins, which the sub-mesh turns.
+    # On uneven quadrilaterals the quadrature depends on the first vertex of a segment, which the
+    # sub-mesh changes.
     options["quadrature_degree"] = 8
 
     def tool(*_):
@@ -147,7 +151,7 @@ def test_tied_tool_pulls(tool, quadrature):
 @pytest.mark.parametrize("gdim", (2, 3))
 @pytest.mark.parametrize("facets", (False, True))
 def test_driving_force(facets, gdim, quadrature, enforcement):
-    """A ball pressed in from a distance, further, and less far; its path does not matter."""
+    """A ball is pressed in from a distance, further, and less far; the path has no effect."""
 
     def ball(comm, gdim):
         center = [0.5] * (gdim - 1) + [2.05]
@@ -174,7 +178,7 @@ def test_driving_force(facets, gdim, quadrature, enforcement):
         depths.append(-scene.tool.displacement[-1])
     assert 0.05 < depths[0] < depths[1]
     assert np.isclose(depths[0], depths[2], rtol=1e-5)
-    # The same displacement, prescribed.
+    # The same displacement, prescribed, gives the same solution.
     u = scene.u.x.array.copy()
     scene.u.x.array[:] = 0
     scene.tool.release()
@@ -203,7 +207,7 @@ def test_driven_displacement_in_closed_form(solver):
 
 
 def test_two_driven_tools():
-    """From above and from the side, on a block that resists both at once."""
+    """Two tools load a block from above and from the side, which resists both at once."""
     scene = Pressed("quadrilateral", flat, n=4)
     side = qs.RigidSurface.plane(WORLD, [1.1, 0.5], [-1.0, 0.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
@@ -218,7 +222,7 @@ def test_two_driven_tools():
 
 
 def test_one_tool_on_two_bodies():
-    """What drives it is shared, half and half, between two equal blocks."""
+    """The driving force of one tool is shared equally between two equal blocks."""
     scenes = [Pressed("triangle", flat) for _ in range(2)]
     tool = flat(WORLD, 2)
     contacts = [
@@ -235,7 +239,7 @@ def test_one_tool_on_two_bodies():
 
 
 def test_driven_into_a_hyperelastic_block():
-    """Compressed by a third: the tangent changes in every iteration."""
+    """A force compresses a hyperelastic block by a third; the tangent changes in each iteration."""
     scene = Pressed("quadrilateral", flat, n=4, quadrature="overlay")
     v = ufl.TestFunction(scene.V)
     F = ufl.Identity(2) + ufl.grad(scene.u)
@@ -251,7 +255,7 @@ def test_driven_into_a_hyperelastic_block():
 
 
 def test_between_a_fixed_and_a_driven_tool():
-    """Nothing but tools holds the block up and down."""
+    """Tools alone support the block vertically."""
     scene = Pressed("quadrilateral", flat, n=4, held=False)
     bottom = qs.RigidSurface.plane(WORLD, [0.0, -0.02], [0.0, 1.0])
     surface = qs.Surface(scene.V, facets=plane(scene.mesh, 1, 0.0))
@@ -283,7 +287,7 @@ def test_forces_that_nothing_balances():
 
 
 def graded_block(n):
-    """A block of 20 × 10 below y = 0, with cells that are small around the origin."""
+    """A block of 20 × 10 below y = 0, with smaller cells around the origin."""
     msh = box(WORLD, [4 * n, 2 * n], "quadrilateral", [-1.0, -1.0], [1.0, 0.0])
     x = msh.geometry.x
     for i in range(2):
@@ -294,7 +298,7 @@ def graded_block(n):
 @pytest.mark.parametrize("tool", ("analytic", "facets"))
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 def test_hertz(tool, quadrature):
-    """A rigid cylinder on an elastic block, plane strain: a² = 4 F R / (π E*), p₀ = 2 F / (π a)."""
+    """Rigid cylinder on elastic block, plane strain: a² = 4 F R / (π E*), p₀ = 2 F / (π a)."""
     R, force, E, nu = 8.0, 10.0, 200.0, 0.3
     msh = graded_block(20)
     V = vector_space(msh)

@@ -1,4 +1,4 @@
-"""Rigid tools: shapes, triangulations, pairing, and bodies pressed against them."""
+"""Rigid tools: shapes, triangulations, contact detection, and bodies pressed against them."""
 
 from mpi4py import MPI
 
@@ -29,7 +29,7 @@ QUADRATURES = ("nodal", "overlay")
 
 @pytest.mark.parametrize("moved", (False, True))
 def test_distances(moved):
-    """Against the closed form, and as the distance's gradient."""
+    """Distances are those of the closed form, and normals are the gradient of the distance."""
     rng = np.random.default_rng(1)
     x = rng.normal(size=(50, 3))
     p, a, c = np.array([0.3, -0.2, 0.1]), np.array([1.0, 2.0, -0.5]), np.array([0.2, 0.1, -0.4])
@@ -67,7 +67,7 @@ def test_distances(moved):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_facets_of_a_plane_are_the_plane(cell):
-    """A tilted plane: the same gaps, normals and areas at the nodes."""
+    """For a tilted plane, facets give the same gaps, normals and areas at nodes as the plane."""
     scene = Pressed(cell, flat)
     gaps, normals, weights = [], [], []
     for make in (flat, flat_facets):
@@ -87,7 +87,10 @@ def test_facets_of_a_plane_are_the_plane(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_what_is_paired(cell):
-    """What faces the tool and is within the radius; facets are counted on the overlay."""
+    """Contact pairs face the tool and are within the radius.
+
+    On the overlay, ``num_unpaired`` counts facets.
+    """
     scene = Pressed(cell, flat)
     boundary = mesh.locate_entities_boundary(
         scene.mesh, scene.axis, lambda x: np.ones(x.shape[1], dtype=bool)
@@ -113,7 +116,7 @@ def test_what_is_paired(cell):
 
 
 def test_facets_of_a_sphere_converge():
-    """Second order in the facets' size."""
+    """Gaps to the facets of a sphere converge with second order in the facet size."""
     scene = Pressed("tetrahedron", flat, n=4)
     center, radius = [0.5, 0.4, 3.0], 2.1
     options = {"quadrature": "nodal", "search_radius": 0.5}
@@ -137,7 +140,7 @@ def test_facets_of_a_sphere_converge():
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniform_pressure(cell, tool, quadrature, enforcement):
-    """Closed form; with a penalty the compliance 1/ε in series."""
+    """The pressure is that of the closed form; a penalty adds the compliance 1/ε in series."""
     scene = Pressed(cell, TOOLS[tool], quadrature=quadrature, enforcement=enforcement)
     scene.is_uniform(0.01)
 
@@ -145,7 +148,7 @@ def test_uniform_pressure(cell, tool, quadrature, enforcement):
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniform_pressure_with_degree_2(cell, tool):
-    # On pieces of uneven quadrilaterals the rule is not exact for functions of degree 2.
+    # On segments of uneven quadrilaterals the quadrature is not exact for functions of degree 2.
     uneven = 0.0 if (cell, tool) == ("hexahedron", "facets") else 0.08
     scene = Pressed(cell, TOOLS[tool], 2, degree=2, quadrature="overlay", uneven=uneven)
     scene.is_uniform(0.01)
@@ -153,7 +156,10 @@ def test_uniform_pressure_with_degree_2(cell, tool):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_quasi_symmetric(cell):
-    """Both halves of the overlay; with an analytic shape the same as master-slave."""
+    """Quasi-symmetric contact gives the uniform pressure, integrated on both sides.
+
+    With an analytic shape it equals master-slave contact.
+    """
     scene = Pressed(cell, flat_facets, quadrature="overlay", formulation="quasi-symmetric")
     scene.is_uniform(0.01)
     scene = Pressed(cell, flat, formulation="quasi-symmetric")
@@ -205,7 +211,7 @@ def test_finite_differences(cell, tool, quadrature, law):
 
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 def test_a_block_that_only_the_tool_holds(quadrature):
-    """Its load presses it onto the tool, from a distance."""
+    """A load presses a block, which the tool alone supports, onto the tool from a distance."""
     import ufl
 
     options = {"quadrature": quadrature, "enforcement": "penalty"}
@@ -221,7 +227,10 @@ def test_a_block_that_only_the_tool_holds(quadrature):
 
 
 def test_automatic_penalty_is_that_of_a_constrained_master():
-    """The slave's stiffness alone."""
+    """With a tool, the automatic penalty has the slave's stiffness alone.
+
+    A constrained master gives the same penalty.
+    """
     pair = Pair("triangle", penalty="auto")
     pair.bcs[0].append(clamp(pair.V[0], plane(pair.meshes[0], 1, 0.0)))
     pair.problem().set_up()
@@ -293,7 +302,7 @@ def test_stl(tmp_path_factory, binary):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_surface_mesh(cell):
-    """A sub-mesh of facets, whose cells are oriented in any way."""
+    """A tool may be a sub-mesh of facets with cells of any orientation."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     low, high = [-1.0] * (gdim - 1) + [1.0], [2.0] * gdim
     other = box(WORLD, [4] * gdim, cell, low, high, "backward")

@@ -1,4 +1,4 @@
-"""STL files: what is valid is read, what is cut off or broken is refused, never half of it."""
+"""STL files: valid files are read; truncated or damaged files are refused, never read in part."""
 
 import pathlib
 
@@ -12,7 +12,7 @@ import qsdolfinx as qs
 from qsdolfinx.tools.stl import read_stl
 from qsdolfinx.tools.touching import components, separate
 
-#: A tetrahedron, outward.
+#: A tetrahedron with outward facets.
 X = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def scratch(tmp_path):
-    """A file of this rank's own."""
+    """A separate file for each rank."""
     return tmp_path / f"{WORLD.rank}.stl"
 
 
@@ -39,7 +39,7 @@ def read(scratch, data):
 
 
 def corners_of(stl):
-    """Corners in an order that does not depend on that of the file."""
+    """Corners sorted, independent of the order in the file."""
     x = stl.x[stl.triangles]
     first = [int(np.lexsort(corner.T[::-1])[0]) for corner in x]
     turned = np.array([np.roll(c, -i, axis=0) for c, i in zip(x, first, strict=True)])
@@ -82,7 +82,7 @@ def test_several_solids(scratch):
 
 
 def test_binary(scratch):
-    """With a header that begins as a text does, and with something after the triangles."""
+    """Binary files may have a header like that of a text file, and data after the triangles."""
     data = content(scratch, True)
     known = corners_of(read(scratch, data))
     np.testing.assert_array_equal(known, corners_of(read(scratch, content(scratch, False))))
@@ -93,7 +93,7 @@ def test_binary(scratch):
 
 
 def test_truncated(scratch):
-    """At every byte: refused, or all facets are there."""
+    """A file truncated at any byte is refused, or all its facets are read."""
     for binary in (False, True):
         for header in (b"tool", b"solid"):
             data = content(scratch, binary)
@@ -112,7 +112,7 @@ def test_truncated(scratch):
 
 @pytest.mark.parametrize("binary", (False, True))
 def test_flipped_bytes(scratch, binary):
-    """Numbers may be other ones, but no facet is lost without an exception."""
+    """Changed bytes may change numbers, but a lost facet always gives an exception."""
     data, rng = content(scratch, binary), np.random.default_rng(11)
     outcomes = set()
     for i in range(2000):
@@ -131,7 +131,7 @@ def test_flipped_bytes(scratch, binary):
 
 
 def test_cut_lines_and_records(scratch):
-    """A line or a record that is missing or there twice."""
+    """A missing or repeated line or record is refused."""
     lines = content(scratch, False).splitlines(keepends=True)
     for i in range(len(lines)):
         for changed in (lines[:i] + lines[i + 1 :], lines[: i + 1] + lines[i:]):
@@ -156,11 +156,15 @@ def test_what_is_no_number(scratch, number):
 
 
 def test_without_area(folder):
-    """Left out with a warning on all ranks; it tells whether a crack opens by that."""
+    """Triangles without area are skipped with a warning on all ranks.
+
+    The warning says whether a crack opens by that.
+    """
     middle = (X[1] + X[2]) / 2
     point, needle = X[[0, 0, 0]], X[[1, 3, 3]]
     whole = X[TRIANGLES]
-    # One facet is split in two, its neighbour at the edge 1 2 is not: a flat triangle between them.
+    # One facet is split in two, its neighbour at the edge 1 2 is not: a flat triangle fills the
+    # gap.
     split = np.array([[X[0], X[2], middle], [X[0], middle, X[1]], *whole[1:], X[[2, 1, 1]]])
     split[-1] = X[1], middle, X[2]
     for binary in (False, True):
@@ -203,7 +207,7 @@ TOUCHING = {
 
 @pytest.mark.parametrize("scene", TOUCHING)
 def test_solids_that_touch(folder, scene):
-    """Each solid of a file is a shell of its own, wherever the file stands in space."""
+    """Each solid of a file is a separate shell, for any position of the file in space."""
     c, s = np.cos(0.3), np.sin(0.3)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[1, 0, 0], [0, c, -s], [0, s, c]]
     corners = np.concatenate([brick(low, high) for low, high in TOUCHING[scene]]) @ turn.T + 2.7
@@ -220,7 +224,7 @@ def test_solids_that_touch(folder, scene):
 
 
 def test_wrong_orientation_says_where(folder):
-    """A file whose triangles are not those of solids, and the same one twice."""
+    """The error names the place where triangles do not form solids, or occur twice."""
     turned = X[TRIANGLES].copy()
     turned[0] = turned[0][::-1]
     for corners in (turned, np.concatenate([X[TRIANGLES], X[TRIANGLES]])):

@@ -1,4 +1,4 @@
-"""Forces between a body and a rigid tool act along the tool's own normals, of facets or a shape."""
+"""Contact forces on a rigid tool act along the tool's own normals, of facets or of a shape."""
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ ANGLE = {2: np.array([0.4]), 3: np.array([0.3, -0.5, 0.2])}
 
 
 def pressed_tip(gdim, degree, kind, **options):
-    """A curved, tilted face pressed without friction on a flat tool, all of it turned.
+    """A curved, tilted face pressed without friction on a flat tool; the scene is rotated.
 
     Returns:
-        Force on the body: along the tool's normal, and the size of what is across it.
+        Force on the body along the tool's normal, and the magnitude of its tangential part.
     """
     shape = (7, 3) if gdim == 2 else (4, 3, 2)
     cell = "triangle" if gdim == 2 else "tetrahedron"
@@ -62,7 +62,10 @@ def pressed_tip(gdim, degree, kind, **options):
     ),
 )
 def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
-    """Whatever the body's facets are; the force is the plane's but for areas of tilted facets."""
+    """Force is normal to a flat tool, whatever the facets of the body.
+
+    It is that of a plane, except for the areas of tilted facets.
+    """
     force, sideways = pressed_tip(gdim, degree, "facets", **options)
     assert force < -0.01 and sideways < 1e-10 * -force
     if not {"quadrature", "smoothing"} & set(options):
@@ -70,10 +73,10 @@ def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
 
 
 def test_a_smoothed_tool_has_the_normals_of_its_shape():
-    """Those of a circle's polygon are of its sides, unless it stands for the circle."""
+    """A polygon has the normals of its sides, unless it approximates a given circle."""
     msh = box(WORLD, (9, 3), "triangle", [-0.6, -0.5], [0.6, 0.0], "scattered")
     facets = plane(msh, 1, 0.0)
-    msh.geometry.x[:, 1] += 0.1 * msh.geometry.x[:, 0]  # no normals of the slave's
+    msh.geometry.x[:, 1] += 0.1 * msh.geometry.x[:, 0]  # the slave's normals differ
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     center, n = np.array([0.1, 1.0]), 40
     angle = 2 * np.pi * np.arange(n) / n
