@@ -1,4 +1,4 @@
-"""A law of a user's that remembers: a bond that breaks."""
+"""User-defined contact law with a history variable: a bond that breaks."""
 
 import numpy as np
 
@@ -6,11 +6,13 @@ import qsdolfinx as qs
 
 
 class Bond(qs.Law):
-    """Holds up to a strength, softens, and is broken from an opening on; presses as a penalty does.
+    """Bond that holds up to its strength, softens, and breaks at an opening.
+
+    It resists compression like a penalty.
 
     Args:
         strength: Largest tension, stress.
-        opening: At which it is broken, length.
+        opening: Opening at which the bond is broken, length.
     """
 
     jump, linear = False, False

@@ -1,4 +1,4 @@
-"""Bodies whose walls are named: what is behind the plane of a wall may be outside of the body."""
+"""Named walls of bodies: a point behind the plane of a wall may be outside of the body."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import qsdolfinx as qs
 
 
 def column(n, cell, low, high, bottom=None, top=None, yaw=0.0):
-    """A box whose bottom and top are at heights over (x, y), turned about its middle."""
+    """Make a box whose bottom and top have heights over (x, y), rotated about its middle."""
     body = Body(box(WORLD, n, cell, low, high))
     msh = body.mesh
     sides = {
@@ -28,7 +28,7 @@ def column(n, cell, low, high, bottom=None, top=None, yaw=0.0):
 
 
 def pair(lower, upper, walls):
-    """Contact of the first one's top and the second one's bottom, with some walls each."""
+    """Make the contact of the first body's top and the second body's bottom, with some walls."""
     surfaces = [
         body.surface(np.concatenate([sides[name] for name in names]))
         for (body, sides), names in zip((lower, upper), walls, strict=True)
@@ -41,7 +41,7 @@ def pair(lower, upper, walls):
 
 @pytest.mark.parametrize("yaw", (1.32, 1.34, 1.38))
 def test_an_edge_behind_a_wall_and_above_the_body(yaw):
-    """Bodies that do not touch have no force, whatever edges cross which of the other's lines."""
+    """Bodies that do not touch have no contact force, whatever mesh lines the edges cross."""
     slope = 0.66
     lower = column((7, 6, 2), "tetrahedron", (0, 0, -1), (2, 2, 0), top=lambda x, y: slope * x)
     upper = column((2, 5, 3), "tetrahedron", (0.77, 0.08, 0), (1.62, 1.12, 0.6), yaw=yaw)
@@ -54,7 +54,7 @@ def test_an_edge_behind_a_wall_and_above_the_body(yaw):
 
 
 def test_a_vertex_below_a_rising_bottom():
-    """The way behind a far wall goes through another face first: it is not the depth."""
+    """Behind a far wall another face is nearer: the distance to the wall is not the depth."""
     roof = -2.0
     lower = column(
         (4, 4, 4), "hexahedron", (0, 0, -2.5), (2, 2, 0), top=lambda x, y: roof * np.abs(y - 1)

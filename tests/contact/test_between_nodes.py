@@ -1,4 +1,4 @@
-"""An edge that goes in between two nodes, nearly without a force, is warned of."""
+"""A warning is given for an edge that penetrates between two nodes with almost no force."""
 
 import warnings
 
@@ -14,12 +14,12 @@ SIZE = 0.2
 
 
 class Edge:
-    """A roof or a flat tool that is pressed into a block, with its edge in the middle of a facet.
+    """Roof or flat tool pressed into a block, with its edge in the middle of a facet.
 
     Args:
-        gdim: Of space.
-        slope: Of both sides of the edge.
-        options: For the contact.
+        gdim: Dimension of space.
+        slope: Slope of both sides of the edge.
+        options: Options of the contact.
     """
 
     def __init__(self, gdim=2, slope=1.0, **options):
@@ -45,7 +45,7 @@ class Edge:
 
     @staticmethod
     def looking_down(x, facets):
-        """The facets with normals downwards."""
+        """Return the facets with downward normals."""
         x, out = np.array(x), []
         for f in facets:
             if len(f) == 2:
@@ -57,7 +57,7 @@ class Edge:
         return out
 
     def pressed(self, depth):
-        """Force upwards on the tool, and warnings of edges that are the same on all ranks."""
+        """Return the upward force on the tool and the edge warnings, which all ranks share."""
         self.tool.displacement[-1] = -depth
         with warnings.catch_warnings(record=True) as found:
             warnings.simplefilter("always")
@@ -70,7 +70,7 @@ class Edge:
 @pytest.mark.parametrize("options", ({}, {"enforcement": "augmented-lagrangian"}))
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_edge_without_a_force(gdim, options):
-    """At nodes there is no force; the warning names depth, place and remedy, once."""
+    """With constraints at nodes the force is zero; one warning names depth, place and remedy."""
     scene, depth = Edge(gdim, **options), 0.3 * SIZE
     force, texts = scene.pressed(depth)
     penetration = scene.contact.penetration()
@@ -87,7 +87,7 @@ def test_edge_without_a_force(gdim, options):
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_points_resist(gdim):
-    """There is a force, nothing to warn of, and the edge does not go in."""
+    """With constraints at points there is a force, no warning, and the edge does not penetrate."""
     scene = Edge(gdim, constraints="points")
     force, texts = scene.pressed(0.3 * SIZE)
     assert force > 1.0 and texts == []
@@ -98,12 +98,12 @@ def test_points_resist(gdim):
 @pytest.mark.parametrize("penalty", (20.0, 1e4))
 @pytest.mark.parametrize("slope, depth", ((0.0, 0.04), (0.05, 0.02), (1.0, 0.005)))
 def test_nothing_to_warn_of(slope, depth, penalty):
-    """Flat tools that a soft penalty lets in, blunt edges, and shallow ones."""
+    """No warning for flat tools with a soft penalty, for blunt edges and for shallow edges."""
     assert Edge(2, slope, penalty=penalty).pressed(depth)[1] == []
 
 
 def test_time_steps_warn_as_well():
-    """Once, at the end of the step that gets deep; a step that is right says nothing."""
+    """One warning at the end of the step whose penetration is too deep; correct steps give none."""
     scene = Edge()
 
     def drive(t, dt):
@@ -122,9 +122,9 @@ def test_time_steps_warn_as_well():
 @pytest.mark.parametrize("options", ({"constraints": "nodes"}, {"sliding": "finite"}))
 @pytest.mark.parametrize("tool", ("ball", "needle"))
 def test_round_and_graded(tool, options):
-    """Facets far away are no measure: a ball rests on larger ones; a needle is sharp for these.
+    """Local facets count, not distant ones: the ball is round for them, and the needle is sharp.
 
-    Points hold it out.
+    With constraints at points the needle does not penetrate.
     """
     msh = box(WORLD, (16, 4), "triangle", [-1.0, -0.5], [1.0, 0.0], "scattered")
     x = msh.geometry.x

@@ -1,4 +1,4 @@
-"""Nodes that are open between closed ones by less than a mesh can tell are in contact."""
+"""Inactive nodes between active ones are in contact if their gap is below the mesh resolution."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from qsdolfinx.contact import bridged
 
 
 def punch(gdim, n, load, hollow=0.0, **options):
-    """A stiff block of edge 1 pressed on a larger soft one with cells twice as large."""
+    """Press a stiff block of edge 1 onto a larger soft block with cells twice as large."""
     size = [1.0] * (gdim - 1)
     cell = "hexahedron" if gdim == 3 else "quadrilateral"
     low = box(
@@ -46,7 +46,7 @@ def punch(gdim, n, load, hollow=0.0, **options):
 
 
 def bottom_facets(msh, gdim):
-    """Those near height 0, hollow or not."""
+    """Return the facets near height 0, whether the surface is hollow or not."""
     return mesh.locate_entities_boundary(msh, gdim - 1, lambda x: np.abs(x[gdim - 1]) < 1e-3)
 
 
@@ -56,19 +56,19 @@ OPTIONS = ({"constraints": "nodes"}, {"constraints": "nodes", "enforcement": "pe
 @pytest.mark.parametrize("options", OPTIONS, ids=("augmented", "penalty"))
 @pytest.mark.parametrize(("gdim", "n"), ((2, 16), (3, 8)))
 def test_flat_punch(gdim, n, options):
-    """All of a flat punch is in contact, also beside its edge, where weighted gaps take turns."""
+    """All of a flat punch is in contact, also near its edge, where weighted gaps alternate."""
     contact = punch(gdim, n, 0.01, **options)
     active = contact.active()
     assert WORLD.allreduce(int(np.sum(~active))) == 0
     assert contact.patch()[0] == pytest.approx(1.0, rel=1e-12)
-    if (gdim, n) == (2, 16):  # that is what the test is about
+    if (gdim, n) == (2, 16):  # the case for which this test was written
         zero = contact.multiplier() == 0
         assert WORLD.allreduce(int(np.sum(zero))) == 2
 
 
 @pytest.mark.parametrize(("gdim", "n"), ((2, 16), (3, 8)))
 def test_flat_punch_at_points(gdim, n):
-    """Every node is in contact; what is open beside the edge is some hundredths of the area."""
+    """Every node is in contact; the open part near the edge is a few hundredths of the area."""
     contact = punch(gdim, n, 0.01)
     assert WORLD.allreduce(int(np.sum(~contact.active()))) == 0
     assert 0.9 < contact.patch()[0] <= 1 + 1e-12
@@ -76,7 +76,7 @@ def test_flat_punch_at_points(gdim, n):
 
 @pytest.mark.parametrize("sticks", (True, False))
 def test_they_slip_as_their_neighbours(sticks):
-    """A punch that sticks does so everywhere, and one that slips slips everywhere."""
+    """The added nodes stick under a sticking punch and slip under a slipping punch."""
     friction = qs.Sticking() if sticks else qs.Coulomb(1e-6)
     contact = punch(2, 16, 0.01, constraints="nodes", friction=friction)
     active, slips = contact.active(), contact.slipping()
@@ -86,7 +86,7 @@ def test_they_slip_as_their_neighbours(sticks):
 
 
 def test_hollow_is_open():
-    """A hollow of many facets is open, however flat it is."""
+    """A hollow of many facets is not in contact, however flat it is."""
     n = 16
     contact = punch(2, n, 1e-9, hollow=2e-5, constraints="nodes")
     inside = np.abs(contact.slave.node_x[:, 0]) < 0.3 - 1.5 / n
@@ -97,7 +97,7 @@ def test_hollow_is_open():
 
 
 def test_rim_of_hertz():
-    """At a rim gaps open gradually, and no node is added."""
+    """At the rim of a Hertz contact gaps open gradually, and no node is added."""
     for h in (32, 64):
         low = box(WORLD, (2 * h, h), "quadrilateral", [-1.0, -1.0], [1.0, 0.0])
         V = vector_space(low)
@@ -114,7 +114,7 @@ def test_rim_of_hertz():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_between_closed(seed):
-    """As by a search over all facets of a serial mesh."""
+    """The nodes between active ones agree with a search over all facets of a serial mesh."""
     msh = box(WORLD, (7, 6, 2), "tetrahedron", [0.0] * 3, [7.0, 6.0, 1.0])
     surface = qs.Surface(vector_space(msh), facets=plane(msh, 2, 1.0))
     rng = np.random.default_rng(seed)

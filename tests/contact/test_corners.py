@@ -1,4 +1,4 @@
-"""Bodies in corners of several walls that are named as one surface, at nodes."""
+"""Bodies in corners of several walls, named as one surface, with constraints at nodes."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ CASES = [
 
 
 def depth_in_walls(scene):
-    """How deep the block's corner is in each wall, if these do not move."""
+    """Return the depth of the block's corner in each wall, if the walls do not move."""
     x = scene.block.geometry.x
     at = np.flatnonzero(np.all(np.abs(x[:, : scene.walls]) < 1e-9, axis=1))
     u = scene.u[-1].x.array.reshape(-1, scene.gdim)[at, : scene.walls]
@@ -43,7 +43,7 @@ def depth_in_walls(scene):
 @pytest.mark.parametrize("formulation, options", CASES)
 @pytest.mark.parametrize("name", SCENES)
 def test_walls_push_alike(name, formulation, options):
-    """By symmetry; and as walls with a contact each do, all of whose nodes have one pair."""
+    """Walls carry equal forces by symmetry, the same as with one contact and one pair per wall."""
     if name.endswith("tool") and formulation == "double-pass":
         return
     given = SCENES[name] | {"formulation": formulation} | options
@@ -65,7 +65,7 @@ def test_walls_push_alike(name, formulation, options):
 @pytest.mark.parametrize("name", ("tool", "corner of a tool"))
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_corner_stays_out_of_both_walls(name, formulation):
-    """The node in the corner is on all walls: by the penalty, or by its multipliers."""
+    """The corner node does not penetrate any wall, with a penalty or with multipliers."""
     for options, most in (({"penalty": 1e4}, 1e-3), (AUGMENTED, 1e-6)):
         scene = InCorner(formulation=formulation, **SCENES[name], **options)
         scene.solve().destroy()
@@ -77,7 +77,7 @@ def test_corner_stays_out_of_both_walls(name, formulation):
 
 @pytest.mark.parametrize("angle", (0.0, 0.3))
 def test_unequal_walls(angle):
-    """Pressed against one wall of two: multipliers of their own, and none on the open one."""
+    """Each wall has its own multipliers; pressed against one of two, those of the other vanish."""
     scenes = []
     for named in (False, True):
         given = {"press": (0.02, -0.005), "angle": angle, "named": named}
@@ -92,7 +92,7 @@ def test_unequal_walls(angle):
 @pytest.mark.parametrize("master", ("elastic", "rigid"))
 @pytest.mark.parametrize("options", (AUGMENTED, AUGMENTED | FRICTION))
 def test_pairing_anew_keeps_each_multiplier(master, options):
-    """Of every wall at the node in the corner, the wall's own."""
+    """Updating the contact pairs keeps the multiplier of every wall at the corner node."""
     scene = InCorner(press=(0.02, 0.01), master=master, formulation="quasi-symmetric", **options)
     problem = scene.solve()
     (contact,) = scene.contacts
@@ -109,7 +109,7 @@ def test_pairing_anew_keeps_each_multiplier(master, options):
 
 
 def test_what_nodes_in_corners_show():
-    """Means of multipliers weighted with areas; all of the friction's work; any contact."""
+    """Results at corner nodes: area-weighted mean multipliers, all friction work, active status."""
     scene = InCorner(press=(0.02, 0.01), formulation="quasi-symmetric", **FRICTION)
     scene.solve().destroy()
     (contact,) = scene.contacts
@@ -127,7 +127,7 @@ def test_what_nodes_in_corners_show():
 
 @pytest.mark.parametrize("part", (0.0, 0.4, 1.0))
 def test_overclosure_of_each_wall(part):
-    """What is allowed of the depth in one wall is not allowed in the other."""
+    """The overclosure allowed in one wall is not allowed in the other."""
     scene = InCorner(master="rigid", gap=(-0.02, -0.01), press=0.0)
     (contact,) = scene.contacts
     contact.allow_overclosure(part)

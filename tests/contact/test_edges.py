@@ -1,4 +1,4 @@
-"""Edges that cross: no edge goes through another one without its force."""
+"""Crossing edges: no edge passes through another edge without a contact force."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def problem_of(bodies, surfaces, solver="auto", **options):
 @pytest.mark.parametrize("yaw", (90.0, 40.0))
 @pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
 def test_crossed(cell, yaw, depth):
-    """From the first touch on the force is that of the point where they cross."""
+    """From first contact on, the force is the force at the point where the edges cross."""
     for formulation in ("quasi-symmetric", "master-slave"):
         bodies, expected = crossed((4, 5), cell, depth, yaw)
         surfaces = [body.surface() for body in bodies]
@@ -33,7 +33,7 @@ def test_crossed(cell, yaw, depth):
 
 @pytest.mark.parametrize("law", (qs.Coulomb(0.3), qs.Sticking()))
 def test_friction(law):
-    """Pressed and drawn along one edge: Coulomb's limit, or what sticks."""
+    """Pressed and drawn along one edge, the force is Coulomb's limit or the sticking force."""
     bodies, expected = crossed((4, 5), "hexahedron", 0.2)
     surfaces = [body.surface() for body in bodies]
     contact, problem = problem_of(bodies, surfaces, friction=law)
@@ -45,14 +45,14 @@ def test_friction(law):
     T, N = np.linalg.norm(contact.force("slave")[:2]), contact.force("slave")[2]
     assert problem.num_iterations <= 10
     if isinstance(law, qs.Coulomb):
-        np.testing.assert_allclose(T, 0.3 * N, rtol=2e-3)  # others touch slanted faces
+        np.testing.assert_allclose(T, 0.3 * N, rtol=2e-3)  # other crossings touch slanted faces
         assert contact.step_dissipation() > 0
     else:
         assert T > 0.3 * N and contact.step_dissipation() < 1e-9 * N * bodies[0].h
 
 
 class Plate:
-    """A plate below z = 0, held at its bottom."""
+    """Plate below z = 0, clamped at its bottom."""
 
     def __init__(self, n, cell):
         self.msh = box(WORLD, (n, n, 4), cell, [-0.75, -0.8, -0.5], [0.85, 0.8, 0.0])
@@ -71,12 +71,12 @@ class Plate:
     [
         ("hexahedron", (2, 12), 20.0, "direct"),
         ("tetrahedron", (2, 12), 20.0, "direct"),
-        # Crossings next to nodes: with points of both sets came back without end.
+        # Crossings near nodes: with points of both sets the iterations did not end.
         ("hexahedron", (12, 16), 45.0, "amg"),
     ],
 )
 def test_wedge_on_a_plate(cell, cells, yaw, solver):
-    """An edge on a plate: as deep as its vertices and crossings, whichever is the slave."""
+    """An edge on a plate: vertices and crossings set the depth, and the roles do not matter."""
     forces = []
     for swap in (False, True):
         wedge, plate = (
@@ -94,7 +94,7 @@ def test_wedge_on_a_plate(cell, cells, yaw, solver):
 
 
 def test_between_crossings():
-    """An edge of degree 2 along diagonals of quadrilaterals: nothing bulges into the other body."""
+    """An edge of degree 2 along quadrilateral diagonals does not penetrate between its points."""
     forces = []
     for swap in (False, True):
         wedge = Wedge(2, "hexahedron", yaw=45.0, shift=(0.05, 0.0, 0.0), degree=2)
@@ -105,11 +105,11 @@ def test_between_crossings():
         forces.append(contact.force("master" if swap else "slave")[2])
         assert contact.penetration() < 0.01 * 0.02 and problem.num_iterations <= 10
     np.testing.assert_allclose(*forces, rtol=1e-6)
-    assert forces[0] > 3.5  # 1.55 and .017 deep with points at nodes and mesh lines alone
+    assert forces[0] > 3.5  # with points at nodes and mesh lines alone: force 1.55 and depth .017
 
 
 def test_flat_on_a_block():
-    """A cube flat on a block: its creases are no edges that count, and the patch is exact."""
+    """A cube flat on a block: its sharp edges get no constraints, and the patch test is exact."""
     bodies = []
     for n, low, high in ((5, (-0.4, -0.4, -1.0), (1.4, 1.4, 0.0)), (3, (0.0,) * 3, (1.0,) * 3)):
         msh = box(WORLD, (n, n, n), "hexahedron", low, high)
@@ -131,7 +131,7 @@ def test_flat_on_a_block():
 
 
 def test_restart(tmp_path):
-    """Friction of edges goes on as if a run had not been interrupted."""
+    """After a restart, friction at edges continues as in an uninterrupted run."""
     folder = WORLD.bcast(tmp_path)
 
     def made():

@@ -1,4 +1,4 @@
-"""Edges and tips of rigid tools: none goes into a body without its force, wherever it meets it."""
+"""Edges and tips of rigid tools: none penetrates a body without a contact force."""
 
 import warnings
 
@@ -20,7 +20,7 @@ E, SIZE = 1e3, 0.25
 
 
 def roof(at, slope, yaw):
-    """A roof upside down, its edge along y but turned about z (degrees), with a place of it."""
+    """Make an inverted roof through a place, its edge along y and rotated about z (degrees)."""
     x = [[s * 1.2, y, abs(s) * 1.2 * slope] for y in (-1.0, 1.0) for s in (-1, 0, 1)]
     c, s = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -28,20 +28,20 @@ def roof(at, slope, yaw):
 
 
 def tip(at, slope):
-    """A pyramid upside down with its tip there."""
+    """Make an inverted pyramid with its tip at the given place."""
     base = [[-1.0, -1.0, slope], [1.0, -1.0, slope], [1.0, 1.0, slope], [-1.0, 1.0, slope]]
     return np.array([[0.0, 0.0, 0.0], *base]) + at, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]]
 
 
 def facing(x, facets, up):
-    """A tool of these facets, with normals upwards, or downwards."""
+    """Make a rigid tool of these facets, with normals upwards or downwards."""
     across = [np.cross(x[f[1]] - x[f[0]], x[f[2]] - x[f[0]])[2] for f in facets]
     turned = [f if (z > 0) == up else f[::-1] for f, z in zip(facets, across, strict=True)]
     return qs.RigidSurface.triangulated(WORLD, x, turned)
 
 
 def made(kind, at, slope=1.0, yaw=0.0):
-    """The tool of a kind: an edge in 2D, a roof or a pyramid in 3D."""
+    """Make a tool of a kind: an edge in 2D, a roof or a pyramid in 3D."""
     if kind == "edge":
         x = np.array([[1.2, 1.2 * slope], [0.0, 0.0], [-1.2, 1.2 * slope]]) + at
         return qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
@@ -49,7 +49,7 @@ def made(kind, at, slope=1.0, yaw=0.0):
 
 
 def compliance(body, loads):
-    """Work of each of the loads on the displacements of each: without contact."""
+    """Return the work of each load on the displacements of each load, without contact."""
     A = assemble_matrix(fem.form(ufl.derivative(body.F, body.u)), bcs=body.bcs)
     A.assemble()
     ksp = PETSc.KSP().create(WORLD)
@@ -66,12 +66,12 @@ def compliance(body, loads):
 
 
 class Block:
-    """A block below the last coordinate 0, held at its bottom.
+    """Block below the last coordinate 0, clamped at its bottom.
 
     Args:
-        cell: Its cells' type.
-        tool: What it is in contact with.
-        options: Of the contact.
+        cell: Type of its cells.
+        tool: The tool in contact with the block.
+        options: Options of the contact.
     """
 
     def __init__(self, cell, tool, **options):
@@ -91,14 +91,14 @@ class Block:
         self.problem = qs.ContactProblem([self.F], [self.u], [self.contact], [self.bcs])
 
     def press(self, depth, *along):
-        """Move the tool down, and by what is given along the first axes."""
+        """Move the tool down by the depth and, if given, along the first axes."""
         self.tool.displacement[-1] = -depth
         self.tool.displacement[: len(along)] = along
         self.problem.solve()
         return self.contact.force("slave")
 
     def load(self, like, place):
-        """Force of 1 along the last axis at a place of the top: on a line or in a square."""
+        """Return a force of 1 along the last axis at a place of the top: on a line or a square."""
         out, owned = like.duplicate(), self.V.dofmap.index_map.size_local
         x = self.V.tabulate_dof_coordinates()[:owned, : self.d]
         hats = np.maximum(1 - np.abs(x[:, :-1] - place[: self.d - 1]) / SIZE, 0.0).prod(axis=1)
@@ -106,11 +106,11 @@ class Block:
         return out
 
     def compliance(self, places):
-        """Displacements along the last axis at places by forces there: without contact."""
+        """Return displacements along the last axis at places by forces there, without contact."""
         return compliance(self, [lambda like, at=place: self.load(like, at) for place in places])
 
 
-#: Kinds of tools, places of their edges or tips, where they press, and cells of the block.
+#: Kinds of tools, places of their edges or tips, places where they press, and cell types.
 ON_LINES = (-SIZE, 0.0, SIZE)
 CASES = {
     "between nodes": ("edge", [0.1, 0.0], [[0.1, 0.0]], "triangle"),
@@ -130,7 +130,7 @@ CASES = {
 @pytest.mark.parametrize("depth", (0.01, 0.1))
 @pytest.mark.parametrize("case", CASES)
 def test_pressed(case, depth):
-    """From the first touch on the force is that of the points where it presses."""
+    """From first contact on, the force is the force at the contact points."""
     kind, at, places, cell = CASES[case]
     depth *= SIZE
     for formulation in ("quasi-symmetric", "master-slave"):
@@ -142,11 +142,11 @@ def test_pressed(case, depth):
         np.testing.assert_allclose(block.contact.force("master"), -force, atol=1e-9)
         assert largest(force[:-1]) < 1e-9 * expected  # the block is level
         assert block.problem.num_iterations <= 4
-        assert block.contact.penetration() < 0.01 * depth  # as the top moves sideways, too
+        assert block.contact.penetration() < 0.01 * depth  # because the top also moves sideways
 
 
 def places_below(at, yaw):
-    """Where a roof's edge is above mesh lines of a block's top, and halfway between them."""
+    """Return places below a roof's edge: mesh lines of a block's top and midpoints between them."""
     along = np.array([-np.sin(np.radians(yaw)), np.cos(np.radians(yaw))])
     lines = [np.arange(-4, 5) * SIZE, np.arange(-1, 2) * SIZE]
     t = np.concatenate([(x - at[i]) / along[i] for i, x in enumerate(lines) if along[i]])
@@ -159,7 +159,7 @@ def places_below(at, yaw):
 @pytest.mark.parametrize(
     ("cell", "at", "yaw"),
     [
-        ("hexahedron", [0.0, 0.0, 0.0], 45.0),  # through nodes alone
+        ("hexahedron", [0.0, 0.0, 0.0], 45.0),  # through nodes only
         ("hexahedron", [0.1, 0.03, 0.0], 45.0),
         ("hexahedron", [0.1, 0.03, 0.0], 63.0),
         ("tetrahedron", [0.1, 0.03, 0.0], 10.0),
@@ -167,7 +167,7 @@ def places_below(at, yaw):
     ],
 )
 def test_turned_edge(cell, at, yaw):
-    """Across facets: nowhere deep, with the force of where it meets lines and between these."""
+    """No penetration across facets; the force acts at mesh lines and halfway between them."""
     block = Block(cell, made("roof", at, 6.0, yaw))
     depth = 0.1 * SIZE
     force = block.press(depth)
@@ -175,15 +175,15 @@ def test_turned_edge(cell, at, yaw):
     assert block.problem.num_iterations <= 8
     if cell == "hexahedron":
         C = block.compliance(places_below(at, yaw))
-        root = np.linalg.cholesky(C)  # forces without pull: least squares of the same energy
+        root = np.linalg.cholesky(C)  # forces without tension: least squares of the same energy
         forces, _ = nnls(root.T, np.linalg.solve(root, np.full(len(C), depth)))
-        # Off the nodes the top comes up beside the edge, and the roof's faces press a little.
+        # Away from nodes the top rises beside the edge, and the faces of the roof press a little.
         rtol = 1e-8 if not any(at) else 2e-2
         np.testing.assert_allclose(force[2], -forces.sum(), rtol=rtol)
 
 
 def test_tip_that_goes_in():
-    """Steps that pair anew: the tip counts in each of them, as the top bends around it."""
+    """With contact updates in each step the tip keeps its constraint as the top bends around it."""
     msh = box(WORLD, (8, 8, 6), "hexahedron", [-0.5, -0.5, -0.75], [0.5, 0.5, 0.0], "scattered")
     V, tool = vector_space(msh), made("tip", [0.03, 0.02, 0.0], 0.3)
     u, bcs = fem.Function(V), [clamp(V, plane(msh, 2, -0.75))]
@@ -196,11 +196,11 @@ def test_tip_that_goes_in():
     stepper = qs.TimeStepper(problem, 1 / 8, drive)
     for _ in stepper.run(1.0):
         assert WORLD.allreduce(contact.model.of_vertices[0].points.size) == 1
-    assert sum(row.iterations for row in stepper.log.rows) <= 60  # 88 where it came and went
+    assert sum(row.iterations for row in stepper.log.rows) <= 60  # 88 if it comes and goes
 
 
 def pressed(tool, cell, n, depth, degree=1, comm=WORLD, **options):
-    """A block [−.5, .5]² below 0, held at its bottom, and a tool that has been pressed into it."""
+    """Press a tool into a block [−.5, .5]² below 0 that is clamped at its bottom."""
     msh = box(comm, (n, n, 2), cell, [-0.5, -0.5, -0.5], [0.5, 0.5, 0.0])
     V = fem.functionspace(msh, ("Lagrange", degree, (3,)))
     u, bcs = fem.Function(V), [clamp(V, plane(msh, 2, -0.5))]
@@ -214,7 +214,7 @@ def pressed(tool, cell, n, depth, degree=1, comm=WORLD, **options):
 @pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
 @pytest.mark.parametrize("kind", ("roof", "tip"))
 def test_beside_the_rim(kind, enforcement):
-    """What passes beside the body, and does not touch it, has no force."""
+    """A tool that passes beside the body without touching it has no contact force."""
     for cell in ("hexahedron", "tetrahedron"):
         tool = made(kind, [-0.515, 0.07, 0.0], 1.5)
         contact, _ = pressed(tool, cell, 5, 0.01, enforcement=enforcement)
@@ -222,7 +222,7 @@ def test_beside_the_rim(kind, enforcement):
 
 
 def test_degree_2_along_diagonals():
-    """Where only nodes of the corners are below an edge it goes no deeper than beside these."""
+    """An edge above corner nodes only penetrates no deeper than an edge next to these nodes."""
     forces = []
     for yaw in (45.0, 47.0):
         contact, problem = pressed(
@@ -230,12 +230,12 @@ def test_degree_2_along_diagonals():
         )
         forces.append(contact.force("slave")[2])
         assert problem.num_iterations <= 10
-    np.testing.assert_allclose(*forces, rtol=0.03)  # .26 apart with a point in the middle alone
+    np.testing.assert_allclose(*forces, rtol=0.03)  # .26 apart with a point in the middle only
 
 
 @pytest.mark.parametrize("law", (None, qs.Coulomb(0.2)))
 def test_merged_alike(law):
-    """Near mesh lines crossings are one, the same ones on any number of ranks."""
+    """Crossings close to mesh lines are merged, in the same way on any number of ranks."""
     forces = []
     for comm in (WORLD, MPI.COMM_SELF):
         x, facets = roof([0.0, -0.02, 0.0], 1.5, 90.0)
@@ -250,7 +250,7 @@ def test_merged_alike(law):
 
 @pytest.mark.parametrize("angle", (0.254, 0.2541, 0.264))
 def test_many_tips(angle):
-    """More tips than there are motions below them: few iterations, with friction too."""
+    """More tips than unknowns below them: few iterations suffice, also with friction."""
     pitch, m, slope = 0.15, 1, 0.5
     places = pitch * np.array([[i, j] for i in range(-m, m + 1) for j in range(-m, m + 1)])
     x, facets = [], []
@@ -263,12 +263,12 @@ def test_many_tips(angle):
     x = np.array(x) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [0.0316, -0.033, 0.0]
     for law in (None, qs.Coulomb(0.3)):
         contact, problem = pressed(facing(x, facets, up=False), "hexahedron", 3, 0.01, friction=law)
-        assert problem.num_iterations <= (15 if law is None else 30)  # 67, and no end
+        assert problem.num_iterations <= (15 if law is None else 30)  # 67, and no convergence
         assert contact.force("slave")[2] < -9.0
 
 
 def test_held_in_rubber():
-    """A sharp corner that is pressed into rubber, and held: its force does not wander."""
+    """A sharp corner pressed into rubber and held there: its force stays constant."""
     msh = box(WORLD, (12, 8), "quadrilateral", [0.0, -2.0], [3.0, 0.0], "scattered")
     V = vector_space(msh)
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -284,12 +284,12 @@ def test_held_in_rubber():
 
     stepper = qs.TimeStepper(problem, 0.25, drive)
     forces = [contact.force("master")[1] for _ in stepper.run(2.0)]
-    np.testing.assert_allclose(forces[4:], forces[3], rtol=5e-3)  # 2.6e-2 along facets' normals
+    np.testing.assert_allclose(forces[4:], forces[3], rtol=5e-3)  # 2.6e-2 along the facet normals
     assert max(row.iterations for row in stepper.log.rows) <= 10
 
 
 def test_ring():
-    """An edge that is a ring, between the nodes of a disc: it does not go in, from the first."""
+    """A circular edge between the nodes of a disc does not penetrate from first contact on."""
     msh = box(WORLD, (8, 3), "quadrilateral", [0.0, -0.75], [2.0, 0.0], "scattered")
     V = vector_space(msh)
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -322,7 +322,7 @@ def test_ring():
 
 @pytest.mark.parametrize("reach", (1.0, 40.0))
 def test_long_edge(reach):
-    """Of hundreds of facets' length, most of it beside the block: that changes nothing."""
+    """An edge hundreds of facets long, mostly outside the block, gives the same force."""
     x, facets = roof([0.25, 0.0, 0.0], 1.5, 0.0)
     x[:, 1] *= reach
     block = Block("hexahedron", facing(x, facets, up=False))
@@ -335,13 +335,13 @@ def test_long_edge(reach):
 @pytest.mark.parametrize("slope", (0.03, 0.08, 0.3))
 @pytest.mark.parametrize("kind", ("edge", "tip"))
 def test_faces_that_hardly_lean(kind, slope):
-    """The sharp end of a face that leans by 2° and more bears before the face does."""
+    """The sharp end of a face inclined by 2° or more carries the force before the face does."""
     at, cell = ([0.1, 0.0], "triangle") if kind == "edge" else ([0.1, 0.06, 0.0], "hexahedron")
     steep = 2.0
     if kind == "edge":
         x = np.array([[1.2, 1.2 * steep], [0.0, 0.0], [-1.2, 1.2 * slope]]) + at
         tool = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
-    else:  # two faces that lean a little, and two large ones that are steep
+    else:  # two slightly inclined faces and two large steep faces
         low = [[-1.0, -0.6, slope], [0.0, -1.0, slope], [1.0, -0.6, slope]]
         x = np.array([[0.0, 0.0, 0.0], *low, [0.0, 0.1, 1.0]]) + at
         tool = facing(x, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]], up=False)
@@ -352,7 +352,7 @@ def test_faces_that_hardly_lean(kind, slope):
 
 
 def test_penalties_on_coarse_facets():
-    """Forces grow with the penalty, without a jump where it begins to have multipliers."""
+    """Forces grow with the penalty, without a jump where multipliers replace the pure penalty."""
     forces, has_multipliers = [], []
     block = Block("triangle", made("edge", [0.1, 0.0], slope=0.05), enforcement="penalty")
     block.problem.set_up()
@@ -369,7 +369,7 @@ def test_penalties_on_coarse_facets():
 
 
 def test_moved_tool():
-    """One that has come here and turned on its way is one that was made here."""
+    """A tool that was moved and rotated to a place acts like a tool that was made there."""
     forces = []
     for moves in (False, True):
         at, yaw = ([0.1, 0.03, 0.0], 37.0) if not moves else ([-0.2, 0.1, 0.3], 10.0)
@@ -394,14 +394,14 @@ def test_moved_tool():
 @pytest.mark.parametrize("law", (qs.Coulomb(0.3), qs.Sticking()))
 @pytest.mark.parametrize("case", ("between nodes", "on a square", "across lines"))
 def test_friction(case, law):
-    """Drawn sideways: Coulomb's limit, or all that sticks."""
+    """Drawn sideways, the force is Coulomb's limit, or all contacts stick."""
     kind, at, _, cell = CASES[case]
     block = Block(cell, made(kind, at, slope=1.5), friction=law)
     pressed = block.press(0.02 * SIZE)
     force = block.press(0.02 * SIZE, 0.03 * SIZE)
     T, N = np.linalg.norm(force[:-1]), -force[-1]
     if isinstance(law, qs.Coulomb):
-        rtol = 1e-2 if kind == "roof" else 1e-8  # its points slip in directions of their own
+        rtol = 1e-2 if kind == "roof" else 1e-8  # each point slips in its own direction
         np.testing.assert_allclose(T, 0.3 * N, rtol=rtol)
         assert block.contact.step_dissipation() > 0
     else:
@@ -411,7 +411,7 @@ def test_friction(case, law):
 
 @pytest.mark.parametrize("kind", ("edge", "tip", "roof"))
 def test_driven(kind):
-    """A force in place of a displacement: the tool stops where the edge balances it."""
+    """Under force control the tool stops where the edge balances the force."""
     at, cell = ([0.1, 0.0], "triangle") if kind == "edge" else ([0.1, 0.0, 0.0], "hexahedron")
     block = Block(cell, made(kind, at))
     down = -np.eye(block.d)[-1]
@@ -424,7 +424,7 @@ def test_driven(kind):
 
 
 class Wedge:
-    """A cube that stands on an edge along y, held by the faces away from it."""
+    """Cube that stands on an edge along y, held by the faces away from this edge."""
 
     def __init__(self):
         n, s = 4, np.sqrt(0.5)
@@ -441,7 +441,7 @@ class Wedge:
         return mesh.locate_entities_boundary(self.msh, 2, lambda x: found(self.R.T @ x))
 
     def compliance(self, y):
-        """What a force of 1 along z on the edge there moves it by."""
+        """Return the displacement of the edge there under a force of 1 along z."""
 
         def load(like):
             owned = self.V.dofmap.index_map.size_local
@@ -454,7 +454,7 @@ class Wedge:
         return float(compliance(self, [load])[0, 0])
 
     def on(self, tool):
-        """Force of a tool that is lifted against the edge."""
+        """Return the force of a tool that is lifted against the edge."""
         near = self.facets(lambda x: np.isclose(x[0], 0) | np.isclose(x[2], 0))
         self.contact = qs.Contact(qs.Surface(self.V, facets=near), tool)
         problem = qs.ContactProblem([self.F], [self.u], [self.contact], [self.bcs])
@@ -464,7 +464,7 @@ class Wedge:
 
 
 def test_on_triangles():
-    """A body's edge on a flat tool: how it is cut into triangles does not matter."""
+    """An edge of a body on a flat tool: the triangulation of the tool does not matter."""
     exact = Wedge().on(qs.RigidSurface.plane(WORLD, np.zeros(3), [0.0, 0.0, 1.0]))
     x = np.array([[-1.2, -1.3, 0], [1.3, -1.1, 0], [1.2, 1.3, 0], [-1.1, 1.2, 0], [0.1, 0.07, 0]])
     up = facing(x, [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], up=True)
@@ -472,7 +472,7 @@ def test_on_triangles():
 
 
 def test_edges_that_cross():
-    """A body's edge across a tool's: the force of the point, where nodes are far away."""
+    """An edge of a body across an edge of a tool: the force at the crossing, far from nodes."""
     for yaw in (90.0, 50.0):
         wedge = Wedge()
         x, facets = roof([0.0, 0.08, 0.0], 0.5, yaw)
@@ -482,7 +482,7 @@ def test_edges_that_cross():
 
 @pytest.mark.parametrize(("cell", "yaw"), (("tetrahedron", 0.6), ("hexahedron", 0.0)))
 def test_steep_wall(cell, yaw):
-    """A roof with a steep wall that is in a block at first is not pressed out at a far side."""
+    """A roof with a steep wall, in a block initially, is not pushed out through a far side."""
     forces = []
     for start in (-1e-3, 1e-3, 0.02):
         msh = box(WORLD, (3, 2, 2), cell, [-2.0, -2.0, -0.8], [2.0, 2.0, 0.0], "scattered")

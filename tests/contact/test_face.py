@@ -1,4 +1,4 @@
-"""What users see of a contact: its results, names of before, and its name in messages."""
+"""Public face of a contact: results, deprecated names, and the contact's name in messages."""
 
 import re
 import warnings
@@ -15,7 +15,7 @@ from qsdolfinx.contact.moved import MOVED
 
 @pytest.mark.parallel
 def test_results_of_one_object():
-    """Each is the contact's too; they are functions of the last solve."""
+    """Results are also methods of the contact; they are functions of the last solve."""
     pair = Pair("quadrilateral", law=qs.Unilateral())
     contact = pair.contact
     assert not np.any(contact.results.force("slave"))
@@ -29,7 +29,7 @@ def test_results_of_one_object():
 
 
 def test_completion():
-    """What is listed is what users need, and all of it is there."""
+    """Completion lists the attributes that users need, and all of them exist."""
     contact = Pair("quadrilateral").contact
     shown = [name for name in dir(contact) if not name.startswith("_")]
     assert len(shown) <= 30 and {"force", "results", "settings", "report"} <= set(shown)
@@ -40,12 +40,12 @@ def test_completion():
 
 
 def test_names_of_before():
-    """Still there, with a warning that says where it is now; others are none."""
+    """Deprecated names work and warn with the new place; unknown names raise an error."""
     contact = Pair("quadrilateral", law=qs.Unilateral()).contact
     for name, (place, _) in MOVED.items():
-        if name in ("eps", "tangential_penalty"):  # not known before a solve, or without friction
+        if name in ("eps", "tangential_penalty"):  # unknown before a solve, or without friction
             continue
-        if name in type(contact).__dict__:  # which contacts and settings have both
+        if name in type(contact).__dict__:  # both contacts and settings have this name
             continue
         place = place if place.startswith("motion.") else f"contact.{place}"
         text = re.escape(f"contact.{name} is {place} now")
@@ -57,7 +57,7 @@ def test_names_of_before():
 
 
 def test_arguments_by_name():
-    """But for the two surfaces."""
+    """All arguments except the two surfaces must be given by name."""
     pair = Pair("quadrilateral")
     with pytest.raises(TypeError, match="positional"):
         qs.Contact(pair.slave, pair.master, "master-slave")
@@ -67,7 +67,7 @@ def test_arguments_by_name():
 
 @pytest.mark.parallel
 def test_name_and_step_in_messages():
-    """A tie with a gap that turns by half a right angle in small sliding, in the second step."""
+    """A tie with a gap that rotates in small sliding: the message has contact name and step."""
     msh = [box(WORLD, (2, 2), "quadrilateral", [0, y], [1, y + 1]) for y in (0.0, 1.2)]
     V = [vector_space(m) for m in msh]
     u = [fem.Function(W) for W in V]
@@ -99,7 +99,7 @@ def test_name_and_step_in_messages():
 
 
 def test_what_cannot_be_set():
-    """Nothing is set without an effect; what can be changed has a method, which is named."""
+    """Setting an attribute without effect is refused; the message names the method to call."""
     contact = Pair("quadrilateral").contact
     with pytest.raises(AttributeError, match=re.escape("cannot be set; call set_penalty(ε)")):
         contact.penalty = 3.0

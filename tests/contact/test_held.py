@@ -1,4 +1,4 @@
-"""Contact nodes that conditions hold on both sides: planes of symmetry, and clamped edges."""
+"""Contact nodes with Dirichlet conditions on both sides: planes of symmetry and clamped edges."""
 
 import warnings
 
@@ -27,7 +27,7 @@ PARTITIONS = ("forward", "scattered")
 
 
 def bodies(cell, n, low=0.0, E=(1.0, 1.0), degree=1):
-    """Two blocks that meet at height 0, the lower one first: spaces, unknowns, forms."""
+    """Make two blocks that meet at height 0, the lower one first: spaces, unknowns, forms."""
     up = 1 if cell in ("triangle", "quadrilateral") else 2
     V = []
     for count, bottom, partition in zip(n, (-1.0, 0.0), PARTITIONS, strict=True):
@@ -50,10 +50,10 @@ def contact_of(V, law, swap=False, **options):
 
 
 def stretched(whole, n, **options):
-    """Two tied bars of unlike stiffness, clamped at their ends and pulled; whole or a quarter.
+    """Solve two tied bars of different stiffness, clamped and pulled; whole or a quarter.
 
     Returns:
-        Force that the upper one feels in the quarter x, y > 0, the problem.
+        Force on the upper bar in the quarter x, y > 0, the problem.
     """
     V, u, F = bodies("hexahedron", n, -1.0 if whole else 0.0, E=(1.0, 5.0))
     bcs = []
@@ -71,7 +71,7 @@ def stretched(whole, n, **options):
     for axis in (0, 1):
         on = np.isclose(x[:, axis], 0.0)
         force[(x[:, axis] < 0) & ~on] = 0.0
-        if whole:  # half of what the mirrored half feels as well, and none across the plane
+        if whole:  # half, because the mirrored half carries the same, and no force across the plane
             force[on] *= 0.5
             force[on, axis] = 0.0
     return WORLD.allreduce(force.sum(axis=0)), problem
@@ -82,7 +82,7 @@ def stretched(whole, n, **options):
 @pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
 @pytest.mark.parametrize("n", ((3, 2), (2, 3)))
 def test_a_quarter_is_a_quarter_of_the_whole(n, quadrature, enforcement, penalty):
-    """Shear, too; with as many updates, and neither locked by a large penalty."""
+    """A quarter has the forces of the whole, also in shear; a large penalty does not lock."""
     options = {"quadrature": quadrature, "enforcement": enforcement, "penalty": penalty}
     force, _ = stretched(True, n, **options)
     quarter_force, quarter = stretched(False, n, **options)
@@ -92,7 +92,7 @@ def test_a_quarter_is_a_quarter_of_the_whole(n, quadrature, enforcement, penalty
 
 
 def test_multigrid_finds_the_same():
-    """Unknowns and multipliers together; where conditions hold both, these are no unknowns."""
+    """Multigrid finds the same unknowns and multipliers; redundant multipliers are not unknowns."""
     direct, _ = stretched(False, (3, 2))
     force, _ = stretched(False, (3, 2), solver="amg")
     np.testing.assert_allclose(force, direct, rtol=1e-5)
@@ -100,7 +100,7 @@ def test_multigrid_finds_the_same():
 
 @pytest.mark.parametrize("n", ((3, 2), (2, 3)))
 def test_friction_in_a_quarter(n):
-    """Sticking to each other, blocks have as many updates and nearly the shear of whole ones."""
+    """With sticking friction, a quarter has nearly the shear force of the whole."""
     found = []
     for low in (-1.0, 0.0):
         V, u, F = bodies("hexahedron", n, low, E=(1.0, 5.0))
@@ -122,7 +122,7 @@ def test_friction_in_a_quarter(n):
     assert abs(quarter - whole) < 0.1 * abs(whole)
 
 
-# --- Degree 2: nodes beside what conditions hold
+# --- Degree 2: nodes next to Dirichlet conditions
 
 
 @pytest.mark.parametrize("element", ("P2", "Taylor-Hood"))
@@ -130,7 +130,7 @@ def test_friction_in_a_quarter(n):
 @pytest.mark.parametrize("master", ("rigid", "deformable"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
-    """Cells that touch the plane with a vertex alone as well: rounding of theirs marks nothing."""
+    """Nodes beside a plane of symmetry are not held, also in cells with one vertex on it."""
     n = (3, 4) if cell in ("triangle", "quadrilateral") else (2, 3)
     V, u, F = bodies(cell, n, degree=2)
     gdim = V[0].mesh.geometry.dim
@@ -155,7 +155,7 @@ def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
     found += [(of.by_node, of) for of in contact.model.held_slips]
     assert len(found) == len(contact.model.parts)
     for gap, of in found:
-        if of is None:  # nothing is held along the normal
+        if of is None:  # no condition along the normal
             assert law is qs.Unilateral
             continue
         x = contact.slave.node_x[gap.operator.row_node, :gdim]
@@ -166,7 +166,7 @@ def test_no_node_beside_a_plane_of_symmetry_is_held(cell, master, law, element):
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_friction_of_degree_2_beside_a_plane_of_symmetry(cell):
-    """What slips has the whole friction at every node but those of the planes."""
+    """In full slip, friction is at its limit at every node except those of the planes."""
     n = [4, 4] if cell == "triangle" else [3, 3, 2]
     gdim = len(n)
     V = fem.functionspace(
@@ -189,10 +189,10 @@ def test_friction_of_degree_2_beside_a_plane_of_symmetry(cell):
 
 
 def strained(cell, n, law, swap=False, solver="direct", degree=1, **options):
-    """Two blocks of one material whose sides and ends are moved as in uniform strain.
+    """Solve two blocks of one material whose sides and ends are moved as in uniform strain.
 
     Returns:
-        Displacements less those of uniform strain, the contact, the problem.
+        Displacements minus those of uniform strain, the contact, the problem.
     """
     V, u, F = bodies(cell, n, degree=degree)
     gdim = V[0].mesh.geometry.dim
@@ -216,7 +216,7 @@ def strained(cell, n, law, swap=False, solver="direct", degree=1, **options):
 @pytest.mark.parametrize("n", ((4, 3), (3, 4)))
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
 def test_patch_with_clamped_sides(cell, n, law, solver):
-    """The patch test holds up to the edges, and multipliers are uniform there as well."""
+    """The patch test passes up to the clamped edges, where multipliers are uniform, too."""
     errors, contact, _ = strained(cell, n, law(), solver=solver)
     assert largest(*errors) < 1e-6
     pressure = contact.multiplier() if law is qs.Unilateral else -contact.multiplier()[:, -1]
@@ -240,7 +240,7 @@ def test_patch_with_clamped_sides_of_degree_2(cell, law):
     (("triangle", (4, 3)), ("triangle", (3, 4)), ("hexahedron", (3, 2)), ("tetrahedron", (2, 3))),
 )
 def test_patch_at_points_with_clamped_sides(cell, n):
-    """λ̂ at the nodes of the edges follows from those around: nothing beside them is locked."""
+    """Multipliers at edge nodes are condensed onto their neighbours; nothing beside them locks."""
     errors, contact, _ = strained(cell, n, qs.Unilateral(), constraints="points")
     expected = abs(contact.force("slave")[-1])
     assert contact.model.gaps[0].extension is not None
@@ -249,7 +249,7 @@ def test_patch_at_points_with_clamped_sides(cell, n):
 
 
 def test_forces_of_multipliers_that_follow():
-    """What belongs to them goes to those they follow from: the transpose, also in corners."""
+    """Forces on condensed multipliers go to their parents by the transpose, also in corners."""
     _, contact, _ = strained("tetrahedron", (2, 3), qs.Unilateral(), constraints="points")
     extension = contact.model.gaps[0].extension
     free, other = (np.sin(s + 1.7 * contact.slave.node_x) for s in (0.0, 1.0))
@@ -261,7 +261,7 @@ def test_forces_of_multipliers_that_follow():
 
 @pytest.mark.parametrize("quadrature", ("overlay", "nodal"))
 def test_clamped_edges_do_not_know_the_penalty(quadrature):
-    """Loaded blocks between walls: the multiplier of an edge is not that of the rows around it."""
+    """Loaded blocks between walls: the penalty has no effect at clamped edges."""
     forces = []
     for penalty in ("auto", 1e3, 1e4):
         V, u, F = bodies("quadrilateral", (4, 6), E=(1.0, 5.0))
@@ -281,7 +281,7 @@ def test_clamped_edges_do_not_know_the_penalty(quadrature):
 
 @pytest.mark.parametrize("side", (0, 1))
 def test_held_on_one_side_alone(side):
-    """There the gap is the other's to close, and its multiplier stays."""
+    """With conditions on one side only, the other side closes the gap, and the multiplier stays."""
     V, u, F = bodies("quadrilateral", (4, 3))
     bcs = [
         [clamp(V[0], plane(V[0].mesh, 1, -1.0))],
@@ -295,11 +295,11 @@ def test_held_on_one_side_alone(side):
     assert largest(contact.weighted_gap()) <= 3 * contact.settings.allowed_gap
 
 
-# --- What conditions prescribe
+# --- Prescribed gaps and tools
 
 
 def warned(call):
-    """Texts of the contact warnings inside the call."""
+    """Return the texts of the contact warnings inside the call."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         call()
@@ -310,7 +310,7 @@ def warned(call):
 @pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
 @pytest.mark.parametrize("law, sign", ((qs.Unilateral, -1), (qs.Tied, 1)))
 def test_prescribed_gaps_are_told_of(law, sign, enforcement, quadrature):
-    """Once; they are nobody's to close, so that the solve ends."""
+    """Prescribed gaps give one warning; no side can close them, and the solve still ends."""
     V, u, F = bodies("quadrilateral", (4, 3))
     bcs = [
         [clamp(space, plane(space.mesh, axis, value), [0.0, shift]) for axis, value in places]
@@ -347,7 +347,7 @@ def test_nothing_to_tell_of_what_moves_together(law):
 
 
 def test_a_driven_tool_is_not_held():
-    """Its force is balanced by nodes that are: they keep their multipliers."""
+    """Held nodes balance the force of a force-controlled tool: they keep their multipliers."""
     V = vector_space(box(WORLD, (4, 3), "quadrilateral", [0.0, -1.0], [1.0, 0.0], "scattered"))
     u = fem.Function(V)
     every = plane(V.mesh, 1, 0.0)
@@ -366,7 +366,7 @@ def test_a_driven_tool_is_not_held():
 @pytest.mark.parametrize("constraints", ("nodes", "points"))
 @pytest.mark.parametrize("enforcement", (AUGMENTED, "penalty"))
 def test_friction_of_half_a_disc(enforcement, constraints):
-    """On the plane of symmetry nothing slips, whichever way the half's facets look there."""
+    """Nothing slips on the plane of symmetry, whatever the facet normals of the half are."""
     forces = []
     for half in (False, True):
         low = 0.0 if half else -1.0

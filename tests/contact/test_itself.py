@@ -24,7 +24,7 @@ ENFORCEMENTS = {
 
 
 def pressed(scene, contact, down=(0.03, 0.06, 0.08), along=0.0, **options):
-    """Forces of the body after the top has been moved down in steps."""
+    """Return the forces on the body after the top has been moved down in steps."""
     problem = scene.problem(contact, **options)
     for step in down:
         scene.moved.value[:2] = along * step, -step
@@ -37,10 +37,10 @@ def pressed(scene, contact, down=(0.03, 0.06, 0.08), along=0.0, **options):
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)), ids=("smooth", "rough"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_as_two_surfaces(cell, friction, sliding, enforcement, monkeypatch):
-    """Where nothing else touches it is the contact of the two parts named by hand.
+    """Self-contact gives the result of two parts that are named by hand, if nothing else touches.
 
-    But for vertices, of which a boundary that touches itself has none; and at points but for γ,
-    which is that of all facets named.
+    There are two differences. A boundary in self-contact has no vertices at sharp edges. At points
+    γ is that of all named facets.
     """
     monkeypatch.setattr("qsdolfinx.contact.making.has_creases", lambda *given: False)
     forces, results = [], []
@@ -64,7 +64,7 @@ def test_as_two_surfaces(cell, friction, sliding, enforcement, monkeypatch):
     "cell, degree", [*((cell, 1) for cell in CELLS), ("triangle", 2), ("quadrilateral", 2)]
 )
 def test_closed_slit(cell, degree, sliding):
-    """Stress goes through its faces, which do not match, as if it were not there."""
+    """Stress passes through the non-matching faces of a closed slit as if it were not there."""
     scene = Slotted(cell, gap=0.0, degree=degree, n=(4, 5))
     body, pressure = scene.body, 10.0
     contact = scene.itself(scene.every, gap_tolerance=1e-12, **sliding)
@@ -85,7 +85,7 @@ def test_closed_slit(cell, degree, sliding):
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_thin_wall(cell):
-    """What faces each other through the body is no pair, however near."""
+    """Faces opposite each other through the body are never paired, however close they are."""
     gdim = 2 if cell == "quadrilateral" else 3
     corners = [[0.0] * gdim, [1.0] * (gdim - 1) + [1e-3]]
     n = [8] * (gdim - 1) + [1]
@@ -116,7 +116,7 @@ def test_tangent(cell):
 
 @pytest.mark.parametrize("depth", (0.05, 0.35))
 def test_deep_in_each_other(depth):
-    """Less than an arm is thick: what has come in is found behind, and pressed out."""
+    """A penetration below the thickness of an arm is found behind the face and pushed out."""
     scene = Slotted(n=(9, 11), gap=0.05)
     x = scene.mesh.geometry.x
     contact = scene.itself(search_radius=0.6, **ENFORCEMENTS["penalty"])
@@ -125,17 +125,17 @@ def test_deep_in_each_other(depth):
     contact.update()
     pairs = contact.pairing
     x = np.column_stack([pairs.slave.x[:, 0], pairs.master.x[:, 0]])
-    beyond = np.all(x > ROOT + 0.35, axis=1)  # where the upper arm is straight
+    beyond = np.all(x > ROOT + 0.35, axis=1)  # in the straight part of the upper arm
     assert WORLD.allreduce(int(np.count_nonzero(beyond))) > 20
     np.testing.assert_allclose(pairs.gap[beyond], -depth, atol=1e-9)
-    # All of the straight part is paired, by either half.
+    # All of the straight part is paired, from either half.
     weight = WORLD.allreduce(float(pairs.weight[beyond].sum()))
     assert weight > 0.95 * (LENGTH - ROOT - 0.35) - 0.1
     assert contact.penetration() > 0.99 * depth
 
 
 def test_turned_inside_out():
-    """A boundary that crosses itself within a cell has no inside."""
+    """A boundary that crosses itself within a cell has no inside, and is refused."""
     scene = Slotted(gap=0.05)
     x = scene.mesh.geometry.x
     surface = scene.body.surface(scene.every)
@@ -147,7 +147,7 @@ def test_turned_inside_out():
 
 
 def test_forces_of_all_the_body():
-    """Tractions are those of both parts; they act on the body as inner forces."""
+    """Tractions are those of both parts; they act on the body as internal forces."""
     scene = Slotted(n=(6, 6))
     contact = scene.itself(search_radius=0.3, **ENFORCEMENTS["penalty"])
     pressed(scene, contact)
@@ -177,7 +177,7 @@ def test_what_is_refused():
 
 
 def test_where_it_touches(tmp_path):
-    """Report and fields show both parts."""
+    """The report and the fields show both parts."""
     scene = Slotted(n=(6, 7), gap=0.05)
     contact = scene.itself(scene.every, search_radius=0.3, friction=qs.Coulomb(0.1))
     pressed(scene, contact)
@@ -200,7 +200,7 @@ def test_where_it_touches(tmp_path):
 @pytest.mark.parametrize("overlap", (0.0, 1e-15, 1e-9, 1e-4, 0.03, -0.02))
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_parts_that_overlap_at_first(gdim, overlap):
-    """They are no walls of each other, however deep, also once they have moved."""
+    """Parts that overlap initially are not walls of each other, at any depth, also after moving."""
     high, up = np.ones(gdim), np.eye(gdim)[-1] * (1 - overlap)
     msh = blocks((0 * high, high), (up, high + up))
     V = fem.functionspace(msh, ("Lagrange", 1, (gdim,)))
@@ -220,7 +220,7 @@ def test_parts_that_overlap_at_first(gdim, overlap):
 
 
 def test_overlap_is_refused():
-    """As of two surfaces."""
+    """Overlap is refused as with two surfaces."""
     msh = blocks(([0.0, 0.0], [1.0, 1.0]), ([0.0, 0.97], [1.0, 2.0]))
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     every = mesh.locate_entities_boundary(msh, 1, lambda x: np.full(x.shape[1], True))
@@ -230,7 +230,7 @@ def test_overlap_is_refused():
 
 
 def hairpin(comm, sliding, partition=None):
-    """Numbers of a hairpin that is closed, of meshes on some ranks."""
+    """Return results of a closed hairpin, with meshes on some of the ranks."""
     msh = box(comm, (36, 2), "quadrilateral", [0, 0], [1, 1], partition)
     x = msh.geometry.x
     s, t = 2 * x[:, 0] - 1, 0.8 + 0.2 * x[:, 1]
@@ -259,7 +259,7 @@ def hairpin(comm, sliding, partition=None):
 @pytest.mark.parametrize("partition", ("scattered", "last"))
 @pytest.mark.parametrize("sliding", FINITE.values(), ids=FINITE)
 def test_same_on_all_ranks(sliding, partition):
-    """Pairs span ranks, or all but one have no facets."""
+    """Results do not depend on ranks: pairs span ranks, or only one rank has facets."""
     alone, together = hairpin(MPI.COMM_SELF, sliding), hairpin(WORLD, sliding, partition)
     assert np.abs(alone).max() > 1
     assert largest(together - alone) < 1e-9 * np.abs(alone).max()

@@ -1,4 +1,4 @@
-"""Laws that remember: a user's bond that breaks, in one file."""
+"""Contact laws with history variables: a user-defined bond that breaks."""
 
 import warnings
 
@@ -14,7 +14,7 @@ from qsdolfinx.remeshing.contact_values import ContactValues
 
 STRENGTH, OPENING, EPS = 0.5, 0.2, 10.0
 
-#: Ways of the tool: up to the strength, softening, back, up again and further, broken, pressed.
+#: Displacements of the tool: to strength, softening, back, again and further, broken, pressed.
 WAYS = 0.04, 0.1, 0.15, 0.06, 0.15, 0.2, 0.3, -0.05
 
 
@@ -24,14 +24,14 @@ def bonded(cell="triangle", n=3, **options):
 
 
 def in_closed_form(modulus):
-    """Tension at each of the ways: of the block, 1 high, and of the bond, one after the other."""
+    """Return the tension at each displacement: of the block, 1 high, in series with the bond."""
     damage, out = 0.0, []
     for way in WAYS:
         if way < 0:
             out.append(way * modulus * EPS / (modulus + EPS))
             continue
         first = STRENGTH / EPS
-        # Where it softens σ = strength (δ − w)/(δ − w₁), and σ = modulus (way − w).
+        # In softening σ = strength (δ − w)/(δ − w₁), and σ = modulus (way − w).
         k = STRENGTH / (OPENING - first)
         w = (modulus * way - k * OPENING) / (modulus - k)
         elastic = way * modulus / (modulus + (1 - damage) * EPS)
@@ -49,7 +49,7 @@ def in_closed_form(modulus):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_bond_that_breaks(cell, quadrature):
-    """Tension with the way of the tool, there and back: uniform, in closed form."""
+    """Uniform tension as the tool moves up and down agrees with the closed form."""
     scene = bonded(cell, 2 if cell == "hexahedron" else 3, quadrature=quadrature)
     found, damage = [], []
     for way in WAYS:
@@ -65,7 +65,7 @@ def test_bond_that_breaks(cell, quadrature):
 
 
 def stepper_of(scene, ways=WAYS, **options):
-    """Each of the ways is a step."""
+    """Make a stepper that takes one step per displacement of the tool."""
     times, places = np.arange(len(ways) + 1), np.concatenate([[0.0], ways])
 
     def drive(t, dt):
@@ -76,13 +76,13 @@ def stepper_of(scene, ways=WAYS, **options):
 
 
 def state(scene):
-    """Force and damage: uniform, so that it can be compared over any number of ranks."""
+    """Return force and damage; both are uniform, so that any numbers of ranks can be compared."""
     damage = WORLD.allreduce(scene.contact.memory("damage").max(initial=0.0), max)
     return [*scene.contact.force("master"), damage]
 
 
 def test_restart(tmp_path):
-    """A run that was saved goes on as if uninterrupted."""
+    """A run that is resumed from a checkpoint continues as if uninterrupted."""
     folder = WORLD.bcast(tmp_path) / "run"
     whole, first, second = bonded(), bonded(), bonded()
     steppers = [stepper_of(scene) for scene in (whole, first, second)]
@@ -115,7 +115,7 @@ class Two(Bond):
 
 
 def test_checkpoint_of_another_law(tmp_path):
-    """Of one that remembers more or less: refused on all ranks, whichever is which."""
+    """A checkpoint of a law with more or fewer history variables is refused on all ranks."""
     folder = WORLD.bcast(tmp_path)
     scenes = bonded(), bonded(law=Two(STRENGTH, OPENING))
     steppers = [stepper_of(scene) for scene in scenes]
@@ -130,7 +130,7 @@ def test_checkpoint_of_another_law(tmp_path):
 
 
 def test_checkpoint_of_another_kind_of_contact(tmp_path):
-    """Of another formulation, or with friction: refused by the contact's name."""
+    """A checkpoint of another formulation, or with friction, is refused with the contact's name."""
     folder = WORLD.bcast(tmp_path)
     steppers = []
     for options in ({}, {"friction": qs.Coulomb(0.1)}, {"formulation": "master-slave"}):
@@ -153,7 +153,7 @@ def test_checkpoint_of_another_kind_of_contact(tmp_path):
 
 
 def test_step_that_is_made_again():
-    """An attempt that fails leaves no damage behind."""
+    """A failed attempt at a step leaves no damage behind."""
     scene, other, tried = bonded(), bonded(), []
 
     def solve(step):
@@ -175,7 +175,7 @@ def test_step_that_is_made_again():
 
 
 def test_solve_that_fails():
-    """What a law remembers is as it was."""
+    """After a failed solve the history variables are unchanged."""
     scene = bonded()
     for scene.tool.displacement[-1] in WAYS[:3]:
         scene.problem.solve()
@@ -188,7 +188,7 @@ def test_solve_that_fails():
 
 
 def test_another_mesh():
-    """Damage goes over as a mean, of which nothing gets lost."""
+    """Transfer to another mesh keeps the integral of the damage."""
     old, new = bonded(n=4), bonded(n=5)
     gap = old.contact.model.gaps[0]
     x = old.surface.linear.node_x[:, 0]
@@ -204,7 +204,7 @@ def test_another_mesh():
 
 
 def test_pairing_anew():
-    """Nodes keep what they remember."""
+    """Nodes keep their history variables when the contact pairs are updated."""
     scene = bonded()
     for scene.tool.displacement[-1] in WAYS[:3]:
         scene.problem.solve()
@@ -267,7 +267,7 @@ class Named(Bond):
     ),
 )
 def test_wrong_laws(law, match):
-    """What a law of the user's gives is looked at."""
+    """Wrong results of a user-defined law are refused."""
 
     def call():
         scene = bonded(law=law(STRENGTH, OPENING))
@@ -278,7 +278,7 @@ def test_wrong_laws(law, match):
 
 
 def test_names_of_what_is_remembered():
-    """Unknown ones are refused, and reset forgets what there was."""
+    """Unknown history variables are refused, and reset restores their initial values."""
     scene = bonded()
     raises_everywhere(WORLD, ValueError, "damage", lambda: scene.contact.memory("wear"))
     for scene.tool.displacement[-1] in WAYS[:3]:
@@ -289,7 +289,7 @@ def test_names_of_what_is_remembered():
 
 
 def test_bond_beyond_the_search_radius():
-    """Nodes that open so far between steps are lost, with a warning; a larger radius keeps them."""
+    """Nodes that open beyond the search radius are lost with a warning; a larger one keeps them."""
     ways = 0.12, 0.16, 0.18, 0.19, 0.12
     found = []
     for radius in (0.15, 0.5):

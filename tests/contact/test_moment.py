@@ -1,4 +1,4 @@
-"""Moments of contact forces: about any point, on either side, as of the nodal forces."""
+"""Moments of contact forces about any point, on either side, agree with those of nodal forces."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ import qsdolfinx as qs
 
 
 def moment_of(contact, surface, side, about):
-    """Σ (x − a) × f of the tractions times nodal areas; the z component alone in 2D."""
+    """Return Σ (x − a) × f of the tractions times nodal areas; the z component alone in 2D."""
     traction = surface.node_values(contact.traction(side)) * surface.node_area[:, None]
     arm, force = np.zeros((len(traction), 3)), np.zeros((len(traction), 3))
     arm[:, : surface.gdim] = surface.node_x[:, : surface.gdim] - about
@@ -20,7 +20,7 @@ def moment_of(contact, surface, side, about):
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_about_any_point(cell):
-    """As summed up by hand; from one point to another by the force on the arm between."""
+    """Moments agree with a direct sum; between two points they differ by arm times force."""
     pair = Pair(cell, law=qs.Tied(), n=(4, 3), wave=0.05)
     drag_top(pair, 0.05)
     pair.problem().solve()
@@ -37,7 +37,7 @@ def test_about_any_point(cell):
 @pytest.mark.parametrize("tool", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_on_a_tool(cell, tool):
-    """About its centre where it is now, unless another point is given; opposite on both sides."""
+    """The default point is the tool's current centre; the moments of both sides are opposite."""
     scene = Pressed(cell, TOOLS[tool], law=qs.Tied(), penalty=50.0)
     scene.tool.displacement[0] = 0.02
     scene.problem.solve()

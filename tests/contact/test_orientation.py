@@ -1,4 +1,4 @@
-"""Tools whose facets are turned are warned of, and nothing that looks alike is."""
+"""A warning is given for tools with reversed facets, and for no similar but correct scene."""
 
 from mpi4py import MPI
 
@@ -15,12 +15,12 @@ CASES = [(gdim, quadrature) for gdim in (2, 3) for quadrature in ("nodal", "over
 
 
 def closed_box(low, high, cavity=False, divisions=1):
-    """A tool that is a box, or all that is outside of one."""
+    """Make a tool that is a box, or the whole space outside of a box."""
     return qs.RigidSurface.triangulated(WORLD, *box_facets(low, high, cavity, divisions))
 
 
 def box_facets(low, high, cavity=False, divisions=1):
-    """Vertices and facets of such a tool."""
+    """Return vertices and facets of such a tool."""
     cell = "quadrilateral" if len(low) == 2 else "tetrahedron"
     solid = box(MPI.COMM_SELF, [divisions] * len(low), cell, low, high)
     tdim = len(low) - 1
@@ -33,7 +33,7 @@ def box_facets(low, high, cavity=False, divisions=1):
     out = x[cells].mean(axis=1) - np.mean([low, high], axis=0)
     edge = x[cells[:, 1]] - x[cells[:, 0]]
     if tdim == 1:
-        normal = edge[:, ::-1] * [1, -1]  # the tool is to the left
+        normal = edge[:, ::-1] * [1, -1]  # the tool is on the left side
     else:
         normal = np.cross(edge, x[cells[:, 2]] - x[cells[:, 0]])
     turned = (np.sum(out * normal, axis=1) < 0) != cavity
@@ -42,7 +42,7 @@ def box_facets(low, high, cavity=False, divisions=1):
 
 
 def slave(high, faces="top", n=4):
-    """Faces of a box from the origin: its top, bottom, or all."""
+    """Make the faces of a box at the origin: its top, bottom, or all."""
     gdim = len(high)
     cell = "triangle" if gdim == 2 else "hexahedron"
     V = vector_space(box(WORLD, [n] * gdim, cell, [0.0] * gdim, high))
@@ -60,7 +60,7 @@ def texts_of(surface, tool, quadrature, **options):
 
 @pytest.mark.parametrize(("gdim", "quadrature"), CASES)
 def test_tool_on_a_body(gdim, quadrature):
-    """Before it, touching, and in it; fine and coarse, and reached by a quadratic body."""
+    """Only a reversed tool warns: open, touching or overlapping; coarse, fine, quadratic body."""
     for offset, divisions in ((0.04, 1), (0.0, 1), (-0.01, 1), (-0.04, 4)):
         low = [-0.3] * (gdim - 1) + [1 + offset]
         high = [1.4] * (gdim - 1) + [1.5 + offset]
@@ -74,7 +74,7 @@ def test_tool_on_a_body(gdim, quadrature):
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_smaller_tool(gdim, sliding):
-    """What is beside a turned tool sees its inside; what touches it tells."""
+    """A reversed tool smaller than the body's face is detected where it touches the body."""
     low, high = [0.2] * (gdim - 1) + [1.0], [0.8] * (gdim - 1) + [1.25]
     for cavity in (False, True):
         tool = closed_box(low, high, cavity)
@@ -84,7 +84,7 @@ def test_smaller_tool(gdim, sliding):
 
 @pytest.mark.parametrize(("gdim", "quadrature"), CASES)
 def test_body_in_a_cavity(gdim, quadrature):
-    """With clearance, without and with interference."""
+    """No warning for a body in a cavity, with clearance, at zero gap or with interference."""
     for clearance in (0.02, 0.0, -0.01):
         for faces in ("all", "bottom"):
             for turned in (False, True):
@@ -95,7 +95,7 @@ def test_body_in_a_cavity(gdim, quadrature):
 
 @pytest.mark.parametrize(("gdim", "quadrature"), CASES)
 def test_no_false_alarm(gdim, quadrature):
-    """A sheet in a cavity, a block that has gone deep into a plate, one on another."""
+    """No warning for a sheet in a cavity, a block deep in a plate, or a block on another."""
     across = [1.0] * (gdim - 1)
     cavity = closed_box([0.0] * gdim, [*across, 0.5], True)
     for n in (1, 3):
@@ -113,7 +113,7 @@ def test_no_false_alarm(gdim, quadrature):
 
 
 def sheets(gdim, turned, between=0.01):
-    """Two flat sheets side by side on top of the unit box, some of them turned."""
+    """Make two flat sheets side by side on top of the unit box, some of them reversed."""
     ends = ((-0.2, 0.6 - between), (0.6, 1.2))
     if gdim == 2:
         x = [[[a, 1.0], [b, 1.0]] for a, b in ends]
@@ -128,7 +128,7 @@ def sheets(gdim, turned, between=0.01):
 
 @pytest.mark.parametrize(("gdim", "quadrature"), CASES)
 def test_each_shell_is_oriented_by_itself(gdim, quadrature):
-    """Of two sheets side by side the one that is turned is named; the smaller one as well."""
+    """Of two sheets side by side the warning names the reversed one, also if it is the smaller."""
     for turned in ((False, False), (False, True), (True, False), (True, True)):
         texts = texts_of(slave([1.0] * gdim, n=6), sheets(gdim, turned), quadrature)
         assert len(texts) == any(turned), (turned, texts)
@@ -138,7 +138,7 @@ def test_each_shell_is_oriented_by_itself(gdim, quadrature):
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_shells_within_each_other(gdim):
-    """A hollow tool on a body: its cavity is turned the other way, and rightly so."""
+    """A hollow tool on a body: its cavity is correctly oriented inwards and gives no warning."""
     across = gdim - 1
     outer = [-0.3] * across + [1.0], [1.3] * across + [1.6]
     inner = [-0.1] * across + [1.1], [1.1] * across + [1.5]

@@ -1,10 +1,10 @@
-"""Blocks on each other whose corners overlap by less than a facet, pressed together in steps."""
+"""Stacked blocks whose corners overlap by less than a facet, pressed together in steps."""
 
 import numpy as np
 import pytest
 from overlapping_corners import Corners
 
-OVERLAY = {"quadrature": "overlay", "penalty": 50.0}  # an automatic one depends on what is named
+OVERLAY = {"quadrature": "overlay", "penalty": 50.0}  # automatic ones depend on named facets
 VARIANTS = {
     "nodal": {"penalty": 300.0},
     "overlay": OVERLAY,
@@ -17,7 +17,7 @@ VARIANTS = {
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_faces_beside_corners_carry_nothing(gdim, variant, width):
-    """Forces grow evenly, across the faces that touch, whether those beside are named or not."""
+    """Forces grow evenly across touching faces, whether faces beside them are named or not."""
     n = (6, 7) if gdim == 2 else (4, 4)
     found = []
     for sides in (True, False):
@@ -33,15 +33,15 @@ def test_faces_beside_corners_carry_nothing(gdim, variant, width):
 
 @pytest.mark.parametrize("sides", (True, False))
 def test_that_follow(sides):
-    """In finite sliding vertices of pressed faces have no constraint beside those of the faces."""
+    """In finite sliding vertices of pressed faces have no constraint besides those of the faces."""
     found = Corners(0.1, sides=sides, sliding="finite", **VARIANTS["augmented"]).press(3)
-    assert len(found) == 3  # without a cut-back
+    assert len(found) == 3  # no cut-back
     np.testing.assert_allclose(found[:, 1] / found[0, 1], [1, 2, 3], rtol=0.05)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_one_solve(variant):
-    """Overlapping by 0.004 already and pressed on, as from where they touch."""
+    """Blocks that overlap by 0.004 initially have nearly the force of blocks that just touch."""
     forces = []
     for depth in (0.0, 0.004):
         scene = Corners(0.1, depth, **VARIANTS[variant])

@@ -1,4 +1,4 @@
-"""Constraints at the pairing points: what is open takes nothing from what is closed."""
+"""Constraints at contact quadrature points: inactive points do not change active points."""
 
 from mpi4py import MPI
 
@@ -38,10 +38,10 @@ def cells_along(cell):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_tangent(cell, formulation):
-    """The derivative of the forces, which are that of the energy, with some points open."""
+    """The tangent is the derivative of the forces, these of the energy; some points are open."""
     options = POINTS if formulation == "double-pass" else AUGMENTED | {"gap_tolerance": 0.01}
     n = cells_along(cell)
-    eps = 2.0 if options is POINTS else 30.0  # so soft that there are no multipliers
+    eps = 2.0 if options is POINTS else 30.0  # soft enough that there are no multipliers
     pair = Pair(cell, formulation, penalty=eps, n=n, wave=0.05, contact_options=options)
     problem = pair.problem()
     problem.solve()
@@ -64,7 +64,7 @@ def test_tangent(cell, formulation):
 
 
 def tractions(pair, master, slave, options):
-    """Of a contact of the lower and the upper block, in any roles: on the lower, the upper one."""
+    """Return tractions of the contact between the blocks in any roles: on the lower, the upper."""
     for u in pair.u:
         u.x.array[:] = 0
     contact = qs.Contact(slave, master, penalty=2.0, **options)
@@ -76,7 +76,7 @@ def tractions(pair, master, slave, options):
 
 @pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
 def test_exchange_of_slave_and_master(cell):
-    """Quasi-symmetric contact at points is the same whichever is called slave."""
+    """Quasi-symmetric contact at points does not change when slave and master are exchanged."""
     pair = Pair(cell, n=cells_along(cell), wave=0.05)
     there = tractions(pair, pair.master, pair.slave, POINTS)
     back = tractions(pair, pair.slave, pair.master, POINTS)
@@ -90,7 +90,7 @@ def test_exchange_of_slave_and_master(cell):
     assert differs > 1e-3 * size
 
 
-#: What a contact has, and its penalty.
+#: Options of a contact, and its penalty.
 PENALTIES = {"soft": (POINTS, 30.0), "stiff": (POINTS, 3e3), "augmented": (AUGMENTED, 30.0)}
 
 
@@ -98,7 +98,7 @@ PENALTIES = {"soft": (POINTS, 30.0), "stiff": (POINTS, 3e3), "augmented": (AUGME
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_patch(cell, formulation, kind):
-    """A uniform pressure goes through any meshes unchanged, and a penalty is what was given."""
+    """A uniform pressure passes through any meshes unchanged, with the penalty that was given."""
     options, eps = PENALTIES[kind]
     pair = Pair(cell, formulation, penalty=eps, n=cells_along(cell), contact_options=options)
     pair.F = [elastic(u, E=1.0 + i, nu=0.0) for i, u in enumerate(pair.u)]
@@ -115,7 +115,7 @@ def test_patch(cell, formulation, kind):
 
 @pytest.mark.parametrize(("cell", "kind"), (("tetrahedron", "body"), ("hexahedron", "tool")))
 def test_turned_scene(cell, kind):
-    """Where contact covers parts of facets: turned together, all has the same forces."""
+    """Rotating a scene with partial contact rotates its forces, and nothing else changes."""
     turns = np.eye(3), rotation(0.5 * np.pi, [0, 0, 1]), rotation(1.3, [0.3, -0.5, 0.8])
     tilt = rotation(0.04, [0.8, 0.6, 0.0])
     forces = []
@@ -163,7 +163,7 @@ def test_ranks_do_not_matter():
 
 
 def test_paired_anew():
-    """λ̂ stays at its nodes: nothing is left to be found where nothing has moved."""
+    """Multipliers stay at their nodes: after a contact update at rest few iterations remain."""
     pair = Pair("triangle", n=(12, 9), wave=0.05, contact_options=AUGMENTED)
     problem = pair.problem()
     problem.solve()
@@ -175,7 +175,7 @@ def test_paired_anew():
 
 
 def test_out_of_contact():
-    """Where nothing touches, linear bodies take one iteration, and none if they are at rest."""
+    """Without contact, linear bodies take one iteration, and none if they are at rest."""
     pair = Pair("triangle", n=(12, 9), gap=0.3, load=-0.05, contact_options=AUGMENTED)
     problem = pair.problem()
     counts = []
@@ -187,7 +187,7 @@ def test_out_of_contact():
 
 @pytest.mark.parametrize("cell", ("hexahedron", "triangle"))
 def test_ignored_overclosure(cell):
-    """Surfaces that penetrate each other everywhere, by different depths, feel nothing."""
+    """With ignored overclosure, surfaces that overlap by different depths have no force."""
     options = POINTS | {"initial_overclosure": "ignore"}
     pair = Pair(cell, n=cells_along(cell), gap=-0.02, wave=0.05, load=0.0, contact_options=options)
     problem = pair.problem()
@@ -202,7 +202,7 @@ def test_ignored_overclosure(cell):
 
 
 def test_crease():
-    """The sides' points above the floor do not lift the corner's from it."""
+    """Open points on the sides above the floor do not lift the corner's points off the floor."""
     stiff = {"penalty": 100 * 1e3 * 8}
     depths = [slanted_block(constraints=c, **stiff)[1] for c in ("nodes", "points")]
     assert depths[0] > 5e-3
@@ -210,7 +210,7 @@ def test_crease():
 
 
 def test_friction_at_a_crease():
-    """Friction is at points, and its limit that of their pressure."""
+    """At a sharp edge friction acts at points, and its limit is the one of their pressure."""
     stiff = {"penalty": 100 * 1e3 * 8, "friction": qs.Coulomb(0.05)}
     contact, depth = slanted_block(constraints="points", **stiff)
     assert depth < 5e-4
@@ -224,7 +224,7 @@ def test_friction_at_a_crease():
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_multipliers_at_a_crease(gdim):
-    """Each smooth side has multipliers of its own: no corner stays below the floor."""
+    """Each smooth patch has its own multipliers: no corner stays below the floor."""
     n = 8 if gdim == 2 else 4
     contact, depth = slanted_block(
         gdim, n, constraints="points", enforcement="augmented-lagrangian"
@@ -236,9 +236,9 @@ def test_multipliers_at_a_crease(gdim):
 
 
 def test_sides_on_a_round_surface():
-    """Facets that turn by less than 30° are one side, those that turn by more are not."""
+    """Facets that meet at less than 30° belong to one smooth patch, others to different patches."""
     found = []
-    for n in (16, 8):  # by 22.5 and by 45 degrees
+    for n in (16, 8):  # angles of 22.5 and 45 degrees
         msh = box(WORLD, (n, 1), "quadrilateral", (0.0, 1.0), (1.0, 2.0), "scattered")
         angle, r = -2 * np.pi * msh.geometry.x[:, 0], msh.geometry.x[:, 1].copy()
         msh.geometry.x[:, :2] = (r * np.array([np.cos(angle), np.sin(angle)])).T
@@ -256,7 +256,7 @@ def test_sides_on_a_round_surface():
 
 
 def test_large_facets_beside_the_contact():
-    """A wedge with long sides: how far away its points are looked for does not matter."""
+    """A wedge with long sides: the force does not depend on the search radius."""
     msh = box(WORLD, (16, 8), "quadrilateral", (-1.0, -1.0), (1.0, 0.0), "scattered")
     V = vector_space(msh)
     held = clamp(V, plane(msh, 1, -1.0))
@@ -283,7 +283,7 @@ def test_penetration_is_that_of_the_points():
 
 @pytest.mark.parametrize("rigid", (False, True))
 def test_what_can_be_read(rigid):
-    """A narrow slave in the middle of a wide master, or of a tool."""
+    """Results of a narrow slave in the middle of a wide master, or of a tool."""
     pair = Pair("quadrilateral", n=(7, 5))
     x = pair.meshes[1].geometry.x
     x[:, 0] = 0.3 + 0.4 * x[:, 0]
@@ -313,7 +313,7 @@ def test_what_can_be_read(rigid):
 
 
 def test_degree_2():
-    """Points know all nodes of the trace, and multipliers the vertices."""
+    """Points use all nodes of the trace of degree 2, and multipliers the vertices."""
 
     def space(msh):
         return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
@@ -344,7 +344,7 @@ def test_refused():
 
 @pytest.mark.parametrize("constraints", ("nodes", "points"))
 def test_a_tool_that_leaves(constraints):
-    """A linear body that is let go is at rest: steps end where rounding of where it was is left."""
+    """A linear body that is released is at rest: steps end at rounding level."""
     msh = box(WORLD, (8, 4), "quadrilateral", [0.0, 0.0], [1.0, 0.5])
     V = vector_space(msh)
     u = fem.Function(V)

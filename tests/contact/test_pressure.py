@@ -1,4 +1,4 @@
-"""Pressure: minus the normal part of the traction, wherever the bodies have turned to."""
+"""Pressure is minus the normal part of the traction, whatever the rotation of the bodies."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 def at_nodes(surface, pressure):
-    """Values at the owned contact nodes, by their places."""
+    """Return values at the owned contact nodes, ordered by their places."""
     V = pressure.function_space
     x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
     on = np.abs(pressure.x.array[: len(x)]) > 0
@@ -20,7 +20,7 @@ def at_nodes(surface, pressure):
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("mu", [0.0, 0.2])
 def test_turned_disc(degree, mu):
-    """The same pressure at the nodes of a disc before and after it is turned by 90°."""
+    """Rotating a disc by 90° does not change the pressure at its nodes."""
     friction = qs.Coulomb(mu) if mu else None
     scene = Nested("quadrilateral", degree, n=(24, 31), friction=friction)
     held = []
@@ -45,7 +45,7 @@ def test_turned_disc(degree, mu):
 
 
 def test_traction_of_degree_2_at_nodes():
-    """The recipe of the reference works for displacements of degree 2 as well."""
+    """The recipe of the reference page also works for displacements of degree 2."""
     scene = Nested("triangle", 2)
     scene.problem().solve()
     t = scene.slave.node_values(scene.contact.traction("slave"))

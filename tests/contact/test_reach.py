@@ -1,4 +1,4 @@
-"""Whether surfaces have passed through each other where contact had not looked."""
+"""Detection of surfaces that pass through each other beyond the search distance."""
 
 import warnings
 
@@ -16,14 +16,14 @@ GAP, RADIUS = 0.5, 0.1
 
 
 def far_below(tool_moves, block_moves):
-    """A problem in which a tool and a block far below it move along z."""
+    """Make a problem in which a tool and a block far below it move along z."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
     tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0 + GAP], [0.0, -1.0])
     surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nothing is paired
+        warnings.simplefilter("ignore")  # there are no contact pairs
         contact = qs.Contact(surface, tool, penalty=1.0, search_radius=RADIUS, sliding="small")
     bcs = [clamp(V, plane(msh, 1, 0.0), [0.0, block_moves])]
     problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
@@ -32,7 +32,7 @@ def far_below(tool_moves, block_moves):
 
 
 def warned(tool_moves, block_moves):
-    """Whether a solve of it warns."""
+    """Return whether a solve of the problem warns."""
     problem = far_below(tool_moves, block_moves)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
@@ -57,7 +57,7 @@ def warned(tool_moves, block_moves):
     ),
 )
 def test_what_has_passed_through_counts(tool_moves, block_moves, expected):
-    """Not what has come near: the one's motion towards the other, less what that does away."""
+    """Passing through counts, not coming near: approach of one side less the other's retreat."""
     found = WORLD.allgather(warned(tool_moves, block_moves))
     assert found == [expected] * WORLD.size
 
@@ -65,7 +65,7 @@ def test_what_has_passed_through_counts(tool_moves, block_moves, expected):
 @pytest.mark.parametrize("along, down, expected", ((5.0, 0.0, False), (5.0, -0.6, True)))
 @pytest.mark.parametrize("rigid", (True, False))
 def test_tangential_motion_is_no_approach(along, down, expected, rigid):
-    """A slave that overhangs, and slides by many facets along the other surface."""
+    """Tangential motion is no approach: an overhanging slave slides by many facets."""
     upper = box(WORLD, (12, 2), "quadrilateral", [-2.0, GAP], [1.0, 1.0 + GAP])
     V = vector_space(upper)
     u, bcs = [fem.Function(V)], [[clamp(V, plane(upper, 1, 1.0 + GAP), [along, down])]]
@@ -89,7 +89,7 @@ def test_tangential_motion_is_no_approach(along, down, expected, rigid):
 
 
 def reach_warnings(call):
-    """Those inside the call, with line and file."""
+    """Return the reach warnings inside the call, with line and file."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         call()
@@ -97,7 +97,7 @@ def reach_warnings(call):
 
 
 def test_points_to_the_line_of_the_user():
-    """Of the solve, or of the step in which it is; once for each contact."""
+    """The warning points to the user's line of the solve or the step, once for each contact."""
     problem = far_below(-0.51, 0.0)
     stepper = qs.TimeStepper(far_below(-0.51, 0.0), 1.0, max_penetration=None)
 
@@ -112,7 +112,7 @@ def test_points_to_the_line_of_the_user():
 
 
 def test_an_error_each_time():
-    """Whoever turns it into an error gets that again."""
+    """A user who turns the warning into an error gets the error in every solve."""
     problem = far_below(-0.51, 0.0)
     for _ in range(2):
         with warnings.catch_warnings():
@@ -125,7 +125,7 @@ def test_an_error_each_time():
     "moves, expected", (((0.26, -0.26), True), ((0.24, -0.24), False), ((-0.3, 0.3), False))
 )
 def test_two_bodies(moves, expected):
-    """Each towards the other by less than the gap, by more in all."""
+    """Each body moves towards the other by less than the gap, and both together by more."""
     u, F, bcs, surfaces = [], [], [], []
     for low, move in zip((0.0, 1.0 + GAP), moves, strict=True):
         msh = box(WORLD, (3, 2), "quadrilateral", [0.0, low], [1.0, low + 1.0])
@@ -145,7 +145,7 @@ def test_two_bodies(moves, expected):
 
 
 def collapsing(t):
-    """A problem whose contact facets conditions shrink, to nothing at t = 1, and t."""
+    """Make a problem whose conditions shrink the contact facets, to zero size at t = 1, and t."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u, value = fem.Function(V), fem.Function(V)
@@ -165,7 +165,7 @@ def collapsing(t):
 
 
 def test_facets_without_area():
-    """No distances to them: the solution stays, with a warning."""
+    """Facets without area have no distances: the solution stays, with a warning."""
     problem, contact, _ = collapsing(1.0)
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
@@ -177,7 +177,7 @@ def test_facets_without_area():
 
 
 def test_facets_without_area_in_a_step():
-    """A smaller step may do."""
+    """A smaller step may avoid facets without area."""
     problem, _, set_to = collapsing(0.0)
     drive = lambda t, dt: set_to(1.0 if dt > 0.3 else 0.9)  # noqa: E731
     stepper = qs.TimeStepper(problem, 1.0, drive, min_quality=1e-12)

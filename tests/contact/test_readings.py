@@ -1,4 +1,4 @@
-"""What a contact shows before the first solve, and after something has been changed since a solve.
+"""Results of a contact before the first solve, and after changes since the last solve.
 
 A block, E = 1000 and ν = 0, stands on y = 0 and is pressed by a plane: λ = E d / H.
 """
@@ -16,7 +16,7 @@ E, DEPTH = 1e3, 0.01
 
 
 class Press:
-    """The block, 2 × 1 (× 1), and the plane above it."""
+    """Block of 2 × 1 (× 1) and the plane above it."""
 
     def __init__(self, gdim=2, **options):
         ends = [[0.0] * gdim, [2.0] + [1.0] * (gdim - 1)]
@@ -43,7 +43,7 @@ class Press:
 
 
 def readings(contact):
-    """All that can be read, by name, as arrays."""
+    """Return all results by name, as arrays."""
     c = contact
     calls = [c.force, c.moment, c.traction, c.pressure]
     out = {call.__name__: call("slave") for call in calls}
@@ -63,7 +63,7 @@ def readings(contact):
 
 
 def same(found, before):
-    """Equal, but for rounding where forces are added up anew."""
+    """Assert equality, except for rounding where forces are summed again."""
     faults = []
     for name, value in before.items():
         if value.dtype.kind == "U":
@@ -89,7 +89,7 @@ OPTIONS = {
 @pytest.mark.parametrize("gdim", (2, 3))
 @pytest.mark.parametrize("name", OPTIONS)
 def test_stay_those_of_the_last_solve(name, gdim):
-    """After tool.advance() and update(), another penalty, reset(), tools and u moved by hand."""
+    """Results survive tool.advance() and update(), reset(), another penalty, moved tools and u."""
     scene = Press(gdim, **OPTIONS[name])
     contact, tool = scene.contact, scene.tool
     for step in (1, 2):
@@ -108,7 +108,7 @@ def test_stay_those_of_the_last_solve(name, gdim):
     same(readings(contact), before)
     scene.u.x.array[:] = u
     contact.set_penalty(3e5)
-    del before["report"]  # which has the penalty
+    del before["report"]  # the report contains the penalty
     same(readings(contact), before)
     contact.reset()
     same(readings(contact), before)
@@ -117,7 +117,7 @@ def test_stay_those_of_the_last_solve(name, gdim):
 
 
 def test_of_bodies_whose_mesh_is_moved():
-    """Areas and normals as well are those of the solve; the report's sizes of sides are present."""
+    """Areas and normals are also those of the solve; the report's sizes of sides are current."""
     scene = Press()
     scene.press()
     before = readings(scene.contact)
@@ -128,7 +128,7 @@ def test_of_bodies_whose_mesh_is_moved():
 
 
 def test_fields_of_a_master_without_multipliers():
-    """The gap that its nodes face, too, is that of the solve where meshes have moved since."""
+    """The gap of master nodes, too, is that of the solve where meshes have moved since."""
     pair = Pair("triangle", wave=0.004, contact_options={"quadrature": "nodal"})
     pair.problem().solve()
     read = lambda: {k: f.x.array.copy() for k, f in pair.contact.fields("master").items()}  # noqa: E731
@@ -144,7 +144,7 @@ def test_after_a_solve_that_fails():
     scene = Press(friction=qs.Coulomb(0.2))
     for _ in range(2):
         before = readings(scene.contact)
-        del before["report"]  # which has the penalty
+        del before["report"]  # the report contains the penalty
         scene.load.value = np.nan
         scene.tool.displacement = 0.5 * DEPTH * scene.down
         with pytest.raises(qs.ConvergenceError):
@@ -157,7 +157,7 @@ def test_after_a_solve_that_fails():
 
 @pytest.mark.parametrize("name", ("augmented", "penalty", "friction", "finite", "finite points"))
 def test_before_the_first_solve(name):
-    """No forces, whether the penalty is known or not; gaps are those of the surfaces."""
+    """Before the first solve forces are zero, with or without a penalty; gaps are geometric."""
     scene = Press(**OPTIONS[name])
     scene.tool.displacement = 0.3 * DEPTH * scene.down
     scene.tool.advance()

@@ -1,4 +1,4 @@
-"""What a contact reports of itself, what a solve logs, and the progress bar."""
+"""Report of a contact, log lines of a solve, and the progress bar."""
 
 import io
 import logging
@@ -15,7 +15,7 @@ from qsdolfinx.base import messages
 
 
 def report_of(pair):
-    """The report, the same on all ranks, whose table fits a screen."""
+    """Return the report; it is the same on all ranks, and its table fits a screen."""
     report = pair.contact.report()
     same = WORLD.allgather(report) == [report] * WORLD.size
     lines = str(report).splitlines()
@@ -25,7 +25,7 @@ def report_of(pair):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_geometry(cell):
-    """Nodes, facets and areas of two blocks with 6 and 4 cells along an edge."""
+    """The report has nodes, facets and areas of two blocks with 6 and 4 cells along an edge."""
     pair = Pair(cell, n=(6, 4), gap=0.02, contact_options={"quadrature": "nodal"})
     report, dim = report_of(pair), pair.gdim - 1
     diagonal = 2**0.5 if dim == 2 else 1
@@ -41,7 +41,7 @@ def test_geometry(cell):
 
 
 def test_what_is_missed():
-    """The upper block stands out by half: its nodes and facets there find nothing."""
+    """The upper block overhangs by half: its nodes and facets there find no partner."""
     for quadrature, formulation in (
         ("nodal", "master-slave"),
         ("nodal", "double-pass"),
@@ -55,11 +55,11 @@ def test_what_is_missed():
         )
         pair.contact.update()
         report = report_of(pair)
-        # Nodes at 0.5, 0.75, 1 and the next ones: on the overlay only what shares a facet.
+        # Nodes at 0.5, 0.75, 1 and their neighbours: on the overlay only nodes that share a facet.
         assert (report.slave.found, report.slave.missed) == (3, 2)
         both = {"double-pass": (5, 4)}.get(formulation)
         assert (report.master.found, report.master.missed) == (both or (None, None))
-        # At nodes the one at the rim stands for half a facet beyond it.
+        # With nodal quadrature the node at the rim stands for half a facet beyond it.
         assert np.isclose(report.covered, 0.5 if quadrature == "overlay" else 0.625)
         missed = {"master-slave": 2, "quasi-symmetric": 2 + 4}.get(formulation, 0)
         assert report.missed_facets == (missed if quadrature == "overlay" else 0)
@@ -67,7 +67,7 @@ def test_what_is_missed():
 
 @pytest.mark.filterwarnings("ignore:quadrature")
 def test_unloaded_nodes():
-    """Of a finer master, those that no slave node is beside; never on the overlay."""
+    """Unloaded are nodes of a finer master without a slave node nearby; none on the overlay."""
     for formulation, quadrature, n, expected in (
         ("master-slave", "nodal", (12, 4), 8),
         ("master-slave", "nodal", (4, 12), 0),
@@ -88,7 +88,7 @@ def test_unloaded_nodes():
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_after_a_solve(quadrature, enforcement):
-    """Gaps, active and slipping rows are those of the contact; the penalty that of the bodies."""
+    """The report has the gaps, active and slipping constraints of the contact, and its penalty."""
     more = {"quadrature": quadrature, "enforcement": enforcement, "friction": qs.Coulomb(0.1)}
     more["constraints"] = "nodes"
     pair = Pair("triangle", penalty="auto", n=(6, 4), wave=0.05, load=-0.005, contact_options=more)
@@ -124,7 +124,7 @@ def largest_of(values):
 
 
 def with_ratio(ratio, solver, n=(8, 6), **options_of_petsc):
-    """A solve with this penalty over the stiffness."""
+    """Solve with this ratio of penalty to stiffness."""
     options = {"contact_options": {"enforcement": "penalty"}}
     pair = Pair("hexahedron", n=n, wave=0.02, penalty=30.0, **options)
     probe = pair.problem()
@@ -137,7 +137,7 @@ def with_ratio(ratio, solver, n=(8, 6), **options_of_petsc):
 
 
 def test_conditioning_of_iterative_solvers():
-    """What is called moderate costs multigrid little, and what is called stiff not much more."""
+    """Multigrid costs little at a "moderate" ratio, and not much more at a "stiff" one."""
     per_step = {}
     for ratio, word in ((0.3, "soft"), (1.0, "moderate"), (29.0, "moderate"), (3e3, "stiff")):
         problem, report, _ = with_ratio(ratio, "amg", ksp_rtol=1e-8)
@@ -148,7 +148,7 @@ def test_conditioning_of_iterative_solvers():
 
 
 def test_conditioning_of_direct_solvers():
-    """Errors stay near what is said: 1e-15 of the ratio."""
+    """Errors stay close to the reported value: 1e-15 of the ratio."""
     expected = with_ratio(1e7 / 2, "direct")[2]
     for ratio in (1e8, 1e10):
         _, report, force = with_ratio(ratio, "direct")
@@ -190,7 +190,7 @@ def lines(caplog):
 
 
 def test_a_line_per_solve(caplog):
-    """With the numbers of the problem, on rank 0; nothing unless it is asked for."""
+    """One line per solve on rank 0 with the numbers of the problem, only on request."""
     pair = Pair("triangle", contact_options={"enforcement": "augmented-lagrangian"})
     quiet = pair.problem()
     quiet.solve()
@@ -213,7 +213,7 @@ def test_a_line_per_solve(caplog):
 
 
 def test_failed_solve(caplog):
-    # Nodes open: two steps at least.
+    # Constraints at nodes become inactive: at least two steps.
     nodes = {"constraints": "nodes"}
     pair = Pair("triangle", n=(6, 4), wave=0.05, load=-0.005, contact_options=nodes)
     options = {"snes_max_it": 1, "snes_linesearch_type": "basic"}
@@ -225,7 +225,7 @@ def test_failed_solve(caplog):
 
 
 def test_printed_unless_logging_is_set_up(monkeypatch, capfd):
-    """To the terminal, or to whatever handler there is."""
+    """Log lines go to the terminal, or to an existing handler."""
     root, logger = logging.getLogger(), logging.getLogger("qsdolfinx")
     pair = Pair("triangle")
     problem = pair.problem(verbose=True)
@@ -244,11 +244,11 @@ def test_printed_unless_logging_is_set_up(monkeypatch, capfd):
 
 @pytest.mark.parametrize("category", (qs.ContactWarning, qs.ReachWarning))
 def test_warnings_are_seen(monkeypatch, capfd, category):
-    """Also when Python's warnings go to logging, as they do once FFCx is imported; not others'."""
+    """Warnings of this library are shown although FFCx redirects warnings to logging."""
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        logging.captureWarnings(False)  # pytest has taken them over again
+        logging.captureWarnings(False)  # pytest has redirected them again
         logging.captureWarnings(True)
         messages.warn("what to do", category)
         warnings.warn("of another library", UserWarning, stacklevel=1)
@@ -258,7 +258,7 @@ def test_warnings_are_seen(monkeypatch, capfd, category):
 
 
 def test_progress(monkeypatch, capfd):
-    """A bar on rank 0 up to the end of the run, if it is wanted."""
+    """On request, rank 0 shows a progress bar up to the end of the run."""
     pytest.importorskip("tqdm")
     case = Upset()
     for wanted in (False, True):

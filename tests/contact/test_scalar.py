@@ -1,4 +1,4 @@
-"""Contact of scalar fields: patch tests, published values, balances, and what is refused."""
+"""Contact of scalar fields: patch tests, published values, balances and refused input."""
 
 import warnings
 
@@ -24,7 +24,7 @@ def field(msh, degree=1):
 
 
 def at(V, axis, value, temperature):
-    """Dirichlet condition in a plane; the temperature may be a Function."""
+    """Make a Dirichlet condition in a plane; the temperature may be a Function."""
     dofs = fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, plane(V.mesh, axis, value))
     if isinstance(temperature, fem.Function):
         return fem.dirichletbc(temperature, dofs)
@@ -36,7 +36,7 @@ def total(form):
 
 
 class Blocks:
-    """Two blocks of length 1 on top of each other, with meshes that do not match."""
+    """Two stacked blocks of length 1 with non-matching meshes."""
 
     def __init__(self, cell, degree=1, finer=1, partition=None, offset=0.0):
         self.gdim = 2 if cell in CELLS[:2] else 3
@@ -63,7 +63,7 @@ class Blocks:
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
 def test_patch_of_a_tie(cell, degree):
-    """A linear field with conditions all round is found exactly, as is its flux k ∂T/∂n."""
+    """A linear field with conditions on the whole boundary is exact, as is its flux k ∂T/∂n."""
     scene = Blocks(cell, degree)
     gradient = np.array([2.0, -3.0, 5.0])[: scene.gdim]
     k, bcs = 2.0, []
@@ -103,7 +103,7 @@ def test_published_blocks(cell, degree):
 
 @pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(2.0)])
 def test_order(law):
-    """A smooth field across meshes that do not match: errors fall with h² in L²."""
+    """A smooth field across non-matching meshes: errors decrease with h² in L²."""
     errors = []
     for finer in (2, 4, 8):
         scene = Blocks("triangle", finer=finer)
@@ -129,7 +129,7 @@ def test_order(law):
 
 
 class Pressed(Blocks):
-    """The blocks in contact by a pressure, their displacements apart from the temperatures."""
+    """The blocks pressed together, with displacements that do not depend on the temperatures."""
 
     def __init__(self, cell="triangle", press=0.1, order=1, sliding="small", **options):
         super().__init__(cell, **options)
@@ -151,7 +151,7 @@ class Pressed(Blocks):
 @pytest.mark.parametrize("order, sliding", [(1, "small"), (2, "small"), (1, "finite")])
 @pytest.mark.parametrize("cell", CELLS)
 def test_conductance_of_the_pressure(cell, order, sliding):
-    """h = c p of bodies pressed by p = E ε; the pairs are those of the bodies, P1 or P2."""
+    """h = c p for bodies pressed by p = E ε; the field uses the pairs of the bodies, P1 or P2."""
     scene = Pressed(cell, order=order, sliding=sliding)
     scene.problem.solve()
     law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
@@ -167,7 +167,7 @@ def test_conductance_of_the_pressure(cell, order, sliding):
 
 @pytest.mark.parametrize("tool", [False, True])
 def test_gas_in_a_gap(tool):
-    """Open by 0.05: h = k_gas/(g + δ), here or towards a tool of a given temperature."""
+    """With a gap of 0.05, h = k_gas/(g + δ), between bodies or to a tool of a given temperature."""
     scene, gap = Pressed(press=-0.05), 0.05
     law = qs.rough_surfaces(conductivity=K, hardness=HARDNESS, gas=0.3, roughness=0.01)
     h = 0.3 / (gap + 0.01)
@@ -193,10 +193,10 @@ def test_gas_in_a_gap(tool):
 
 @pytest.mark.parametrize("wide", (False, True))
 def test_gaps_beyond_the_search_radius(wide):
-    """Conductances that would conduct across them are warned of; pressed ones alone are not."""
+    """A conductance that acts across gaps gives a warning; one that needs pressure does not."""
     scene = Pressed(press=-0.05)
     normal = np.array([-0.6, -1.0]) / np.hypot(0.6, 1.0)
-    die = qs.RigidSurface.plane(WORLD, [0.0, 1.05], normal)  # its distance grows along x
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.05], normal)  # the gap to it grows along x
     surface = scene.contact.slave
     radius = {"search_radius": 1.0} if wide else {"search_radius": 0.2}
     bodies = qs.Contact(surface, die, **radius)
@@ -236,7 +236,7 @@ def test_radiation():
 @pytest.mark.parametrize("share, sliding", [(0.25, "small"), (1.0, "small"), (0.25, "finite")])
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_heat_of_friction(cell, share, sliding):
-    """What friction dissipates arrives as heat, and only that: both bodies are insulated."""
+    """Friction energy arrives as heat, and nothing else does: both bodies are insulated."""
     scene = Pressed(cell, finer=2)
     u = scene.u
     friction = qs.Contact(
@@ -276,7 +276,7 @@ def test_shares_of_effusivity():
 
 @pytest.mark.parametrize("law", (qs.rough_surfaces, qs.effusivity_share))
 def test_pairs_have_names(law):
-    """By body or by property cannot be told from numbers: pairs without names are refused."""
+    """Pairs without names are refused: numbers do not tell bodies and properties apart."""
     name = law.__name__
     with pytest.raises(TypeError, match=rf"give both by name, {name}\(slave=\(k"):
         law(K, HARDNESS)
@@ -297,7 +297,7 @@ def test_pairs_have_names(law):
 @pytest.mark.parametrize("solver", ["direct", "amg"])
 @pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(30.0)])
 def test_linear_solvers(law, solver):
-    """As with any contact; the near-nullspace of a scalar field is a constant."""
+    """Solvers work as with any contact; the near-nullspace of a scalar field is a constant."""
     scene = Blocks("tetrahedron", finer=2)
     contact = qs.Contact(*scene.surfaces, law=law)
     problem = qs.ContactProblem(
@@ -324,7 +324,7 @@ def test_ranks_without_facets(partition, sliding):
 
 
 class Rod:
-    """Displacement and temperature at once: a hot rod expands to the wall that cools it."""
+    """Displacement and temperature in one space: a hot rod expands to the wall that cools it."""
 
     E, alpha, gap, hot, k, c = 100.0, 1e-2, 0.5, 100.0, 2.0, 0.5
 
@@ -354,7 +354,7 @@ class Rod:
 
 @pytest.mark.parametrize("constraints", ["nodes", "points"])
 def test_derivative_by_pressures(constraints):
-    """Of a flow that follows multipliers, which are unknowns beside the field."""
+    """Derivative of a flow that depends on multipliers, which are unknowns beside the field."""
     rod = Rod(constraints=constraints)
     rod.problem.solve()
     equations = rod.problem.equations()
@@ -403,7 +403,7 @@ def test_rod_that_closes_its_gap(in_steps):
 @pytest.mark.parametrize("constraints", ["nodes", "points"])
 @pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
 def test_tangent(cell, constraints):
-    """Of a mixed unknown, with h of p, g and both temperatures: as differences say."""
+    """Tangent of a mixed unknown, with h of p, g and both temperatures, agrees with differences."""
     gdim = 2 if cell == "triangle" else 3
     w, forms, surfaces, fields, bcs = [], [], [], [], []
     for i in range(2):
@@ -436,7 +436,7 @@ def test_tangent(cell, constraints):
     assert tangent_errors(problem, x, way, 1e-6).difference < 1e-7
 
 
-# --- What a stranger found
+# --- Found by an independent user
 
 
 @pytest.mark.parametrize("law", [qs.Tied(), qs.Conductance(2.0)])
@@ -448,7 +448,7 @@ def test_one_multiplier(law):
 
 @pytest.mark.parametrize("of_state", [False, True])
 def test_constants_that_change(of_state):
-    """Between solves, of h and of a tool's temperature; what is no conductance is refused."""
+    """Constants h and a tool's temperature may change between solves; a negative h is refused."""
     scene = Pressed()
     die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
     bodies = qs.Contact(scene.contact.slave, die)
@@ -477,7 +477,7 @@ def test_constants_that_change(of_state):
 
 @pytest.mark.parametrize("share, sliding", [(0.0, "small"), (0.3, "small"), (0.3, "finite")])
 def test_heat_of_friction_into_a_tool(share, sliding):
-    """What flows into both sides is what friction has dissipated."""
+    """The heat flowing into both sides is the energy that friction has dissipated."""
     scene = Pressed()
     W = scene.u[0].function_space
     die = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
@@ -500,7 +500,7 @@ def test_heat_of_friction_into_a_tool(share, sliding):
 @pytest.mark.parametrize("units", [1e-9, 1e-5, 1.0, 1e8])
 @pytest.mark.parametrize("length", [1e-6, 1.0, 1e6])
 def test_ties_in_any_units(units, length):
-    """The jump of a tied field ends at a part of the field, whatever lengths are."""
+    """The final jump of a tied field is a small part of the field, whatever the units of length."""
     scene = Blocks("triangle")
     bcs = scene.ends(8.0 * units, 0.0)
     for V in scene.spaces:
@@ -513,7 +513,7 @@ def test_ties_in_any_units(units, length):
 
 
 def test_bodies_that_are_not_solved_for():
-    """Before the first solve, and after they have been paired anew."""
+    """Bodies that are not solved, or were not since a contact update, are refused."""
     scene = Pressed()
     law = qs.Conductance(lambda p, g: 1.0 + p)
     contact = qs.Contact(*scene.surfaces, law=law, mechanics=scene.contact)
@@ -543,7 +543,7 @@ def test_numbers_that_differ_between_ranks():
 
 
 class OnADie(Pressed):
-    """The lower block on a rigid tool above it, which has a mesh of its own for its temperature."""
+    """The lower block below a rigid tool that has its own mesh for its temperature."""
 
     def __init__(self, friction=None):
         super().__init__()
@@ -557,7 +557,7 @@ class OnADie(Pressed):
 
 
 def test_die_with_a_mesh_of_its_own():
-    """The field is paired by itself, with the pressure of the bodies: p = E ε, h = c p."""
+    """The field has its own contact detection with the bodies' pressure: p = E ε, h = c p."""
     scene = OnADie()
     scene.press.solve()
     law = qs.Conductance(lambda p, g: 3.0 * p + 0.0 * g)
@@ -570,7 +570,7 @@ def test_die_with_a_mesh_of_its_own():
 
 
 def test_heat_of_friction_on_such_a_die():
-    """None of it is lost, also where the meshes of the field do not match."""
+    """No frictional heat is lost, also if the meshes of the field do not match."""
     scene = OnADie(qs.Coulomb(0.3))
     scene.press.solve()
     scene.held[0].g.value[...] = 0.3
@@ -585,7 +585,7 @@ def test_heat_of_friction_on_such_a_die():
 
 
 def test_nothing_opposite():
-    """Blocks beside each other: insulated, with a warning."""
+    """Blocks beside each other are insulated, with a warning."""
     surfaces = []
     for low in (0.0, 2.0):
         msh = box(WORLD, (3, 3), "triangle", [low, 0.0], [low + 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""A block with a closed slit, whose two sides are facets at the same places."""
+"""Block with a closed slit, whose two sides have facets at the same places."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import qsdolfinx as qs
 
 
 def slit_block(cell, n=4):
-    """Vertices and cells of [0, 2] × [-1, 1], all nodes on y = 0 with x < 1 being there twice."""
+    """Return vertices and cells of [0, 2] × [-1, 1], with all nodes on y = 0, x < 1 duplicated."""
     y = np.concatenate([np.linspace(-1, 0, n + 1), np.linspace(0, 1, n + 1)])
     i, j = np.meshgrid(np.arange(2 * n + 1), np.arange(2 * n + 2), indexing="ij")
     twin = np.where((j == n + 1) & (i >= n), j - 1, j)
@@ -27,7 +27,7 @@ def slit_block(cell, n=4):
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_pressed(cell, sliding):
-    """Pressed together, it is as if there was no slit, however facets' vertices are numbered."""
+    """A pressed slit has no effect, however the vertices of the facets are numbered."""
     body = Body(create(cell, *slit_block(cell)))
     surface = body.surface(body.boundary(lambda x: np.full(x.shape[1], True)))
     contact = qs.Contact(surface, surface, sliding=sliding)
@@ -38,7 +38,7 @@ def test_pressed(cell, sliding):
     rest = body.V.tabulate_dof_coordinates()[: body.num_owned // 2]
     u = body.places - rest[:, :2]
     assert np.allclose(u[:, 1], -0.05 * (1 + rest[:, 1]), atol=1e-6)
-    # All slaves are on one side.
+    # All slave facets are on one side.
     force = contact.force("slave")
     held = np.abs(rest[:, 1] - 1) < 1e-9
     pressed = total(body.internal_forces()[held])[1]

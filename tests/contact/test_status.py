@@ -29,7 +29,7 @@ SIDES = ("slave", "master")
 
 
 def at_nodes(surface, function):
-    """Values of a scalar function at the surface's nodes, on this rank."""
+    """Return values of a scalar function at the surface's nodes on this rank."""
     V, linear = function.function_space, surface.linear
     x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
     out = np.full(len(linear.node_x), np.nan)
@@ -39,7 +39,7 @@ def at_nodes(surface, function):
 
 
 def rocked(cell, formulation, quadrature, n=(5, 4), **more):
-    """Blocks that touch in part: the upper one is pressed and turned."""
+    """Press and rotate the upper of two blocks, so that they touch in part."""
     options = {"contact_options": {"quadrature": quadrature} | more}
     pair = Pair(cell, formulation, penalty=50.0, n=n, wave=0.03, **options)
     top = fem.Function(pair.V[1])
@@ -54,9 +54,9 @@ def rocked(cell, formulation, quadrature, n=(5, 4), **more):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_active_is_where_force_is(cell, quadrature, formulation):
-    """Nodes with a multiplier are active with it, others where a force is; unpaired have nothing.
+    """Nodes with a multiplier are active with it, others with a force; unpaired have no gap.
 
-    An open node with a multiplier can have a force all the same, from its neighbours' points.
+    An inactive node with a multiplier can still have a force, from the points of its neighbours.
     """
     pair = rocked(cell, formulation, quadrature)
     contact, faults, seen = pair.contact, [], []
@@ -84,7 +84,7 @@ def test_active_is_where_force_is(cell, quadrature, formulation):
 
 @pytest.mark.filterwarnings("ignore:quadrature")
 def test_unreached_nodes():
-    """Of a finer master, at nodes: unpaired where no multiplier's point is beside them."""
+    """Nodes of a finer master, with nodal quadrature, are unpaired without a point nearby."""
     for formulation, quadrature, expected in (
         ("master-slave", "nodal", 8),
         ("quasi-symmetric", "nodal", 0),
@@ -100,7 +100,7 @@ def test_unreached_nodes():
 
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_gap_of_the_master(formulation):
-    """Of a gap that is linear along the surface: its value at each node away from the rim."""
+    """A gap that is linear along the surface: its value at each master node away from the rim."""
     options = {"contact_options": {"quadrature": "overlay"}}
     pair = Pair("quadrilateral", formulation, n=(12, 9), **options)
     lifted = np.zeros((len(pair.slave.node_x), 2))
@@ -118,7 +118,7 @@ def test_gap_of_the_master(formulation):
 
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "double-pass"))
 def test_stick_and_slip(formulation):
-    """All stick, then all slip, on both sides; the parts of the traction add up to it."""
+    """All nodes stick, then all slip, on both sides; the parts of the traction add up to it."""
     friction = {"friction": qs.Coulomb(0.2)}
     pair = Pair("triangle", formulation, n=(6, 4), contact_options=friction)
     contact, seen = pair.contact, []
@@ -149,7 +149,7 @@ def test_stick_and_slip(formulation):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("penalty", ("auto", 10.0))
 def test_before_the_first_solve(penalty, formulation):
-    """Paired nodes of surfaces with a gap between them are open, not unpaired."""
+    """Before the first solve, paired nodes of surfaces with a gap are inactive, not unpaired."""
     pair = Pair("triangle", formulation, n=(5, 3), gap=0.01, penalty=penalty)
     for side, surface in zip(SIDES, (pair.slave, pair.master), strict=True):
         status = at_nodes(surface, pair.contact.status(side))
@@ -157,7 +157,7 @@ def test_before_the_first_solve(penalty, formulation):
 
 
 def test_tied_and_degree_two():
-    """The size of the jump; displacements of degree 2 have fields of degree 1."""
+    """The gap of a tie is the jump's size; displacements of degree 2 have fields of degree 1."""
 
     def quadratic(msh):
         return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
@@ -191,12 +191,12 @@ def test_rigid_tool():
 
 @pytest.fixture
 def folder(tmp_path_factory):
-    """A folder that all ranks know."""
+    """Return a folder that all ranks know."""
     return pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("fields")), root=0))
 
 
 def written(folder, suffix):
-    """Two loads, each written for both bodies with one call, and the fields' values then."""
+    """Solve two loads, write each for both bodies in one call, and return the fields' values."""
     pair = Pair("quadrilateral", n=(5, 3), contact_options={"friction": qs.Coulomb(0.3)})
     contact, values = pair.contact, {}
     problem = pair.problem()
@@ -246,7 +246,7 @@ def test_vtx(folder):
 
 
 def test_vtkhdf(folder):
-    """Values at the points and in the cells, for each time; an older DOLFINx says it has none."""
+    """Files have values at points and in cells for each time; an older DOLFINx is refused."""
     msh = Pair("triangle").meshes[0]
     u = fem.Function(vector_space(msh))
     fields = {"u": u, "size": ufl.dot(u, u)}

@@ -1,4 +1,4 @@
-"""Which area tractions stand for: uniform pressure = force / area, of a block that is stretched."""
+"""Reference area of tractions: uniform pressure = force / area, of a stretched block."""
 
 import pathlib
 
@@ -18,9 +18,9 @@ E, WIDE, DEEP = 100.0, 0.5, 0.02
 
 
 class Stretched:
-    """A block, ν = 0, of the sides 1, stretched along x and pressed down on the plane y = 0.
+    """Block with ν = 0 and sides 1, stretched along x and pressed onto the plane y = 0.
 
-    Axisymmetric it is a cylinder, stretched along r.
+    If axisymmetric, it is a cylinder that is stretched along r.
     """
 
     def __init__(self, cell, degree, kind="plane", both=False, **options):
@@ -35,7 +35,7 @@ class Stretched:
         body = self.body(msh, self.u, held, around)
         slave = qs.Surface(self.u.function_space, facets=self.at(msh, up, 0.0), axisymmetric=around)
         bodies, master = [body], qs.RigidSurface.plane(WORLD, [0.0] * gdim, np.eye(gdim)[up])
-        if both:  # the floor is a body that is stretched with it, of degree 1
+        if both:  # the floor is a body of degree 1 that is stretched with the block
             below = self.mesh([0.0] * (gdim - 1) + [-1.0], [1.0] * (gdim - 1) + [0.0], cell, 3)
             w = fem.Function(fem.functionspace(below, ("Lagrange", 1, (gdim,))))
             self.floor = fem.Constant(below, 0.0)
@@ -84,7 +84,7 @@ class Stretched:
             self.floor.value = WIDE * t
 
     def errors(self, area):
-        """Largest relative error of pressure and traction at the nodes of all bodies."""
+        """Return the largest relative error of pressure and traction at the nodes of all bodies."""
         contact, out = self.contact, []
         up = contact.slave.gdim - 1
         mean = abs(contact.force("slave")[up]) / area
@@ -111,7 +111,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_in_time_steps(name):
-    """The area where the body is at the end of the step: 1.5, of a cylinder π 1.5²."""
+    """In time steps, the area is the one at the end of the step: 1.5, of a cylinder π 1.5²."""
     scene = Stretched(*SCENES[name])
     stepper = qs.TimeStepper(scene.problem, 0.5, scene.drive)
     for t in stepper.run(1.0):
@@ -119,7 +119,7 @@ def test_in_time_steps(name):
         area = np.pi * wide**2 if name.startswith("axi") else wide
         assert scene.errors(area) < 1e-7
         assert scene.contact.patch()[0] == pytest.approx(area)
-    # The mesh of a body in displacements stays; its ring is whole, as forces are.
+    # The mesh of a displacement-based body stays; its ring is complete, as forces are.
     whole = np.pi if name.startswith("axi") else 1.0
     assert qs.step_row(stepper)["volume_0"] == pytest.approx(whole)
     scene.contact.update()
@@ -136,7 +136,7 @@ def test_in_time_steps(name):
 )
 @pytest.mark.parametrize("both", (False, True))
 def test_area_in_contact(both, options):
-    """In time steps that of the body at their end, in ``step_row`` too."""
+    """In time steps, the area is that of the body at their end, in ``step_row``, too."""
     scene = Stretched("triangle", 1, both=both, **options)
     stepper = qs.TimeStepper(scene.problem, 0.5, scene.drive)
     for t in stepper.run(1.0):
@@ -146,7 +146,7 @@ def test_area_in_contact(both, options):
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 def test_in_solves(sliding, degree):
-    """That of the mesh, on which the body is in equilibrium; where contact follows it, present."""
+    """In a solve, it is the area of the mesh; with finite sliding, the deformed area."""
     scene = Stretched("triangle", degree, sliding=sliding)
     for t in (0.5, 1.0):
         scene.drive(t)
@@ -158,7 +158,7 @@ def test_in_solves(sliding, degree):
 
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 def test_of_a_tie(sliding):
-    """The same rule: that of the mesh, with finite sliding where the bodies are."""
+    """The same rule for a tie: area of the mesh, with finite sliding of the deformed bodies."""
     scene = Stretched("triangle", 2, "plane", True, sliding=sliding, law=qs.Tied())
     scene.drive(1.0)
     scene.problem.solve()
@@ -167,7 +167,7 @@ def test_of_a_tie(sliding):
 
 @pytest.mark.parametrize("theta, num_pairings", ((0.5, 1), (0.0, 2), (1.0, 2)))
 def test_of_a_body_in_velocities(theta, num_pairings):
-    """That of the mesh that velocities are found on, after θ of the step, wherever it is paired."""
+    """Velocity-based bodies: area of the mesh of the solve, after θ of the step."""
     scene = Stretched("triangle", 2, unknown="velocity", dt=1.0)
     scene.drive = lambda t, dt: (
         setattr(scene.side, "value", WIDE),
@@ -186,7 +186,7 @@ def test_of_a_body_in_velocities(theta, num_pairings):
 @pytest.mark.parametrize("theta", (0.0, 0.5, 1.0))
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 def test_of_a_body_in_velocities_that_pairs_again(sliding, theta, num_pairings):
-    """That of the mesh that it was solved for on last, wherever contact has paired then."""
+    """With repeated contact updates: area of the mesh of the last solve in the step."""
     options = {"unknown": "velocity", "dt": 1.0, "sliding": sliding}
     scene = Stretched("triangle", 2, **options)
     scene.side.value, scene.top.value = WIDE, -DEEP
@@ -201,7 +201,7 @@ def test_of_a_body_in_velocities_that_pairs_again(sliding, theta, num_pairings):
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_fields_of_mini_bodies(cell, tmp_path_factory):
-    """Traction, pressure, gap and status at vertices, in the functions and in the file."""
+    """Traction, pressure, gap and status are at vertices, in the functions and in the file."""
     gdim = 2 if cell == "triangle" else 3
     msh = Stretched.mesh([0.0] * gdim, [1.0] * gdim, cell)
     W = qs.materials.mini_space(msh)
@@ -223,7 +223,7 @@ def test_fields_of_mini_bodies(cell, tmp_path_factory):
     assert largest(values["traction"][:, up] - expected) < 1e-7 * expected
     assert largest(values["pressure"] - expected) < 1e-7 * expected
     assert largest(values["status"] - qs.Status.ACTIVE) == 0
-    # Linear in the cells: no bubble.
+    # Linear in the cells, without bubbles.
     ones = {name: f.x.array.reshape(-1, f.function_space.dofmap.bs) for name, f in fields.items()}
     assert all(len(f) == len(ones["status"]) for f in ones.values())
     folder = pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("mini")), root=0))

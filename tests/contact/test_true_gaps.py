@@ -1,4 +1,4 @@
-"""Gaps and penetration are signed distances of the deformed surfaces, by brute force with NumPy."""
+"""Gaps and penetration are signed distances of the deformed surfaces: check by brute force."""
 
 from mpi4py import MPI
 
@@ -31,7 +31,7 @@ from qsdolfinx.contact.motion import set_offset
 
 
 def meshed(surface, displacement):
-    """A surface with displacements of its body, shape (owned nodes, gdim), on every rank."""
+    """Make a surface with displacements of its body, shape (owned nodes, gdim), on every rank."""
     V = surface.V if surface.V.dofmap.bs > 1 else surface.collapsed_space
     owned = V.dofmap.index_map.size_local
     x = everywhere(WORLD, V.tabulate_dof_coordinates()[:owned])
@@ -41,27 +41,27 @@ def meshed(surface, displacement):
 
 
 def nodes_now(side, surface):
-    """Where the contact nodes of this rank are, deformed."""
+    """Return the deformed positions of the contact nodes of this rank."""
     away = np.linalg.norm(surface.node_x[:, None] - side.body.x, axis=2)
     index = np.argmin(away, axis=1)
     return (side.body.x + side.body.u)[index]
 
 
 def compare(gap, found, radius, least):
-    """Compare gaps at nodes that are in front of the other side; at least so many of all ranks."""
+    """Compare gaps at nodes in front of the other side, at least so many over all ranks."""
     known = found.facing & (np.abs(found.distance) < 0.999 * radius)
     np.testing.assert_allclose(gap[known], -found.distance[known], rtol=1e-7, atol=1e-10)
     assert WORLD.allreduce(int(np.count_nonzero(known))) >= least
 
 
 def depth_of_nodes(side, opponent):
-    """Depth of the deepest node of one side, those between vertices included."""
+    """Return the depth of the deepest node of one side, nodes between vertices included."""
     found = opponent.find((side.body.x + side.body.u)[side.surface.nodes])
     return max(-found.distance[found.facing].min(initial=0.0), 0.0)
 
 
 def check(contact, slave, master, is_overlay, least):
-    """All that is measured, against brute force."""
+    """Check all measured values against brute force."""
     radius, sides = contact.settings.search_radius, {"slave": slave, "master": master}
     for name, surface in (("slave", contact.slave), ("master", contact.master)):
         opponent = sides["master" if name == "slave" else "slave"]
@@ -83,7 +83,7 @@ def check(contact, slave, master, is_overlay, least):
 
 
 def everything(contact):
-    """What measuring must leave as it is."""
+    """Return everything that measuring must not change."""
     out = [np.array([contact.model.num_pairings, contact.stored_energy()])]
     for surface in (contact.slave, contact.master):
         out += [surface.node_x, surface.node_normal, surface.node_area, *surface.coordinates[:2]]
@@ -102,7 +102,7 @@ def everything(contact):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_soft_contact_of_other_meshes(cell, quadrature, formulation):
-    """Curved blocks of 5 and 3 cells that a soft penalty lets into each other."""
+    """Curved blocks of 5 and 3 cells that penetrate each other under a soft penalty."""
     options = {"quadrature": quadrature, "enforcement": "penalty"}
     pair = Pair(cell, formulation, n=(5, 3), wave=0.05, load=-0.12, contact_options=options)
     pair.problem().solve()
@@ -111,7 +111,7 @@ def test_soft_contact_of_other_meshes(cell, quadrature, formulation):
 
 
 def test_where_nothing_has_been_solved():
-    """As meshed, with and without a gap, and NaN beyond the search radius."""
+    """Before a solve gaps are those of the meshes, with or without a gap, and NaN out of reach."""
     for gap in (0.05, -0.05, 2.0):
         pair = Pair("triangle", gap=0.0, n=(4, 3))
         pair.meshes[1].geometry.x[:, 1] += gap
@@ -125,7 +125,7 @@ def test_where_nothing_has_been_solved():
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_degree_2(cell):
-    """Facets that bend are taken as flat between their nodes, those between vertices included."""
+    """Bent facets are taken as flat between their nodes, nodes between vertices included."""
 
     def space(msh):
         return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
@@ -140,7 +140,7 @@ def test_degree_2(cell):
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 @pytest.mark.parametrize("partitions", (("first", "last"), ("scattered", "backward")))
 def test_ranks_without_facets(cell, partitions):
-    """Wherever the cells are."""
+    """Gaps do not depend on the distribution of cells over ranks."""
     options = {"quadrature": "overlay"}
     pair = Pair(cell, n=(5, 3), wave=0.05, partitions=partitions, contact_options=options)
     pair.problem().solve()
@@ -150,7 +150,7 @@ def test_ranks_without_facets(cell, partitions):
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_rings(quadrature):
-    """Axisymmetric bodies, which reach the axis, in the plane (r, z)."""
+    """Axisymmetric bodies that reach the axis, in the plane (r, z)."""
     meshes = [box(WORLD, (n, 2), "triangle", [0, z], [1, z + 1]) for n, z in ((5, -1.0), (3, 0.0))]
     for msh in meshes:
         msh.geometry.x[:, 1] += 0.03 * np.cos(5 * msh.geometry.x[:, 0])
@@ -169,13 +169,13 @@ def test_rings(quadrature):
 
 
 def touching(x):
-    """The curve between the rings."""
+    """Mark the curve between the rings."""
     return np.isclose(x[1], 0.03 * np.cos(5 * x[0]))
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_velocities(quadrature):
-    """Of one body: u = v Δt; displacements of the other on top of an offset."""
+    """Velocities of one body: u = v Δt; displacements of the other, added to an offset."""
     options = {"unknown": ("velocity", "displacement"), "dt": 0.25, "quadrature": quadrature}
     pair = Pair("triangle", n=(5, 4), wave=0.04, load=-0.6, contact_options=options)
     offset = fem.Function(pair.V[0])
@@ -193,7 +193,7 @@ def measured(contact):
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 def test_measuring_changes_nothing(friction):
-    """Nor does a body in two contacts, of which the other one has paired anew."""
+    """Measuring changes no results, nor does a contact update of another contact of a body."""
     options = {"quadrature": "overlay", "friction": friction}
     pairs = [Pair("quadrilateral", n=(5, 3), wave=0.05, contact_options=options) for _ in range(2)]
     for pair in pairs:
@@ -207,14 +207,14 @@ def test_measuring_changes_nothing(friction):
     moved.meshes[1].geometry.x[:, 1] += 0.01
     other.update()
     again = measured(moved.contact)
-    # Two solves of one scene differ by rounding on several ranks.
+    # On several ranks, two solves of one scene differ by rounding.
     assert np.allclose(first[0], again[0], rtol=0, atol=1e-13)
     assert np.isclose(first[1], again[1], rtol=0, atol=1e-13)
     for a, b in zip(first[2], again[2], strict=True):
         assert (
             np.allclose((*a.x, a.depth), (*b.x, b.depth), rtol=0, atol=1e-13) and a.side == b.side
         )
-    as_they_are = not np.allclose(measured(other)[0], first[0], atol=1e-3)  # the meshes
+    as_they_are = not np.allclose(measured(other)[0], first[0], atol=1e-3)  # undeformed meshes
     assert WORLD.allreduce(as_they_are, op=MPI.LOR)
 
 
@@ -230,7 +230,7 @@ def test_a_failed_solve_shows_what_was_before():
 
 
 def test_facets_without_area_are_refused():
-    """On all ranks; the report says so instead."""
+    """Facets without area are refused on all ranks, and the report tells about them."""
     pair = Pair("triangle", n=(4, 3))
     flat_, nan = fem.Function(pair.V[1]), fem.Function(pair.V[1])
     flat_.interpolate(lambda x: np.stack([-x[0], 0 * x[1]]))
@@ -253,7 +253,7 @@ def test_tied_surfaces_have_jumps():
 
 @pytest.mark.filterwarnings("ignore:facets:qsdolfinx.base.messages.ContactWarning")
 def test_smoothing():
-    """Between the curved surfaces the depth is the misfit, between the facets it is not."""
+    """The depth between the curved surfaces is the misfit; between the facets it is not."""
     smooth = {"smoothing": "shared-curvature"}
     np.testing.assert_allclose(
         ShrinkFit(((16, 5), (22, 7)), **smooth).contact.penetration(), 0.01, rtol=0.02
@@ -261,7 +261,7 @@ def test_smoothing():
     assert ShrinkFit(((16, 5), (22, 7))).contact.penetration() > 0.015
 
 
-# --- Depth that weighted gaps hide
+# --- Depth that weighted gaps do not show
 
 AUGMENTED = {"enforcement": "augmented-lagrangian"}
 SOFT = {"enforcement": "penalty", "penalty": 20.0}
@@ -270,7 +270,7 @@ SOFT = {"enforcement": "penalty", "penalty": 20.0}
 @pytest.mark.parametrize("gdim, n", ((2, 8), (3, 4)))
 @pytest.mark.parametrize("tool", ("plane", "facets"))
 def test_slanted_block(gdim, n, tool):
-    """Sides above the floor let the corner sink in: weighted gaps are closed all the same."""
+    """Open sides let the corner penetrate, although the weighted gaps are closed."""
     contact, depth = slanted_block(gdim, n, tool, constraints="nodes", **AUGMENTED)
     size = contact.model.paired.facet_size
     assert contact.weighted_penetration() <= contact.settings.allowed_gap
@@ -301,7 +301,7 @@ def test_points_leave_no_depth(gdim, n, tool):
 
 
 def test_initial_overclosure_that_stays():
-    """It is there, the weighted gap leaves it out, and a stepper does not refuse it."""
+    """Allowed initial overclosure is measured, though not in weighted gaps, and is accepted."""
     scene = Pressed("triangle", flat, initial_overclosure="ignore")
     scene.mesh.geometry.x[:, 1] += 0.03 * (scene.mesh.geometry.x[:, 1] == 1.0)
     scene.surface.update()
@@ -318,7 +318,7 @@ def test_initial_overclosure_that_stays():
 
 
 def under_plane(scene, x):
-    """Depth of points in the tool above the block, where it is now."""
+    """Return the depth of points of the block in the tool at its current position."""
     R, t = scene.tool.position[:, :-1], scene.tool.position[:, -1]
     point, normal = np.full(scene.gdim, 0.5), np.zeros(scene.gdim)
     point[-1], normal[-1] = 1.0, -1.0
@@ -329,26 +329,26 @@ def under_plane(scene, x):
 @pytest.mark.parametrize("tool", (flat, flat_facets))
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_tool_that_turns(cell, tool, quadrature):
-    """Gaps are those from the tool where a displacement and a rotation have put it."""
+    """Gaps are distances to the tool as displaced and rotated."""
     scene = Pressed(cell, tool, quadrature=quadrature, **SOFT)
     scene.tool.displacement[-1] = -0.06
     scene.tool.rotation[0] = 0.03
     scene.problem.solve()
     gap, penetration = scene.contact.gap(), scene.contact.penetration()
-    scene.tool.advance()  # what is shown stays, wherever the tool goes
+    scene.tool.advance()  # the results stay, wherever the tool goes
     x = nodes_now(meshed(scene.surface, scene.u.x.array), scene.surface)
     expected = under_plane(scene, x)
     assert np.ptp(gathered(WORLD, expected)) > 0.01
     np.testing.assert_allclose(gap, expected, atol=1e-12)
     np.testing.assert_allclose(penetration, gathered(WORLD, gap).max(), rtol=1e-9)
     assert np.array_equal(gap, scene.contact.gap())
-    scene.contact.update()  # pairs on the mesh as it is, where nothing is in equilibrium
+    scene.contact.update()  # pairs on the undeformed mesh, where nothing is in equilibrium
     np.testing.assert_allclose(scene.contact.gap(), gap, atol=1e-12)
 
 
 @pytest.mark.parametrize("tool", (flat, flat_facets))
 def test_driven_tool_after_steps(tool):
-    """Tool and body are at the end of the step, also when contact has paired there."""
+    """Tool and body are at the end of the step, also after a contact update there."""
     scene = Pressed("quadrilateral", tool, search_radius=0.4, **SOFT)
     scene.tool.drive(0.3, [0.0, -1.0])
 
@@ -371,7 +371,7 @@ def test_driven_tool_after_steps(tool):
 
 @pytest.mark.parametrize("theta, num_pairings", ((0.0, 1), (0.5, 1), (0.5, 2)))
 def test_flowing_body_after_steps(theta, num_pairings):
-    """A body in velocities on an elastic die: the mesh has moved, the die has displacements."""
+    """A velocity-based body on an elastic die: its mesh has moved, the die has displacements."""
     soft = {"penalty": 40.0, "enforcement": "penalty"}
     case = Upset(die=True, dt=0.04, contact=soft, theta=theta, num_pairings=num_pairings)
     contact = case.contacts[0]

@@ -1,4 +1,4 @@
-"""Unilateral contact: closing gaps, opening, hard cases for Newton's method."""
+"""Unilateral contact: closing gaps, opening gaps, and hard cases for Newton's method."""
 
 from mpi4py import MPI
 
@@ -15,7 +15,7 @@ from qsdolfinx.contact import active_set
 
 
 def blocks_with_gap(cell, formulation, load, penalty, gap=0.01):
-    """The patch test's blocks, a gap apart; the pressure load leaves the upper one free to move."""
+    """Make the blocks of the patch test with a gap; the pressure load leaves the upper one free."""
     rng = np.random.default_rng(1)
     axis = 1 if cell in ("triangle", "quadrilateral") else 2
     lower, upper = (
@@ -49,7 +49,7 @@ def test_closing_a_gap(cell, formulation, load, penalty):
     forces = contact.force("slave"), contact.force("master")
     active = WORLD.allreduce(active_set.num_closed(contact.model))
     assert iterations <= 8
-    # Stress of the displaced blocks, of double-pass contact less what is left of the gap.
+    # Stress due to the prescribed displacement, for double-pass contact with its remaining gap.
     compliance = 1 / contact.penalty if contact.settings.enforcement == "penalty" else 0.0
     force = 65 if load == "pressure" else 0.01 / (1 / E_MASTER + 1 / E_SLAVE + compliance)
     assert np.isclose(forces[0][axis], force, rtol=1e-6)
@@ -58,7 +58,7 @@ def test_closing_a_gap(cell, formulation, load, penalty):
 
 
 def punch(formulation, penalty, load, gap):
-    """Plane strain, a curved punch pressed into a flat block; held by its upper face only."""
+    """Press a curved punch into a flat block in plane strain; only its upper face is held."""
     lower = box(WORLD, [40, 12], "quadrilateral", [-4.0, -4.0], [4.0, 0.0])
     upper = box(WORLD, [24, 8], "quadrilateral", [-3.0, 0.0], [3.0, 3.0])
     far = plane(upper, 1, 3.0)
@@ -95,7 +95,7 @@ def punch(formulation, penalty, load, gap):
 @pytest.mark.parametrize("penalty", (2e5, 2e8))
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_curved_punch(formulation, penalty, load, gap):
-    """A growing contact zone, from no or one touching node; penalty up to 1e6 E/h."""
+    """The contact zone grows from zero or one touching node, with penalties up to 1e6 E/h."""
     contact, problem = punch(formulation, penalty, load, gap)
     problem.solve()
     iterations = problem.snes.getIterationNumber()
@@ -135,7 +135,7 @@ def test_solving_again_changes_nothing():
 
 
 def test_loading_and_unloading():
-    """The way there does not matter: contact has no memory."""
+    """The load path does not matter: contact without friction has no memory."""
     options = {"contact_options": {"enforcement": "penalty"}}
     pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.0, **options)
     top = pair.bcs[1][0].g
@@ -150,7 +150,7 @@ def test_loading_and_unloading():
 
 
 def test_tied_contact_pulls():
-    """Tied contact transmits tension; the initial gap stays as it is."""
+    """Tied contact transmits tension, and the initial gap remains."""
     pair = Pair("hexahedron", law=qs.Tied(), load=0.1, gap=0.05, penalty=1e4)
     problem = pair.problem()
     problem.solve()

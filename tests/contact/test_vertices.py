@@ -1,4 +1,4 @@
-"""Vertices at creases: no corner goes into another surface without its force."""
+"""Vertices at sharp edges: no corner penetrates another surface without a contact force."""
 
 from petsc4py import PETSc
 
@@ -17,7 +17,10 @@ POINTS = {"constraints": "points", "enforcement": "augmented-lagrangian"}
 
 
 def rotation(case):
-    """Of the unit square or cube: its corner, or the edge along y, is the lowest, at 0."""
+    """Return a rotation of the unit square or cube that puts a corner, or the edge along y, lowest.
+
+    The lowest point is at 0.
+    """
     if case == "corner":
         up = np.ones(3) / np.sqrt(3)
         along = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
@@ -29,7 +32,7 @@ def rotation(case):
 
 
 class Standing:
-    """A square or cube on its corner or edge, held by the sides away from it."""
+    """Square or cube on its corner or edge, held by the sides away from it."""
 
     def __init__(self, case, cell, degree=1):
         self.R, self.n = rotation(case), N if case == "square" else 4
@@ -56,7 +59,7 @@ class Standing:
         return qs.Surface(self.V, facets=self.facets(0.0))
 
     def force_by_conditions(self, depth):
-        """What lifts the lowest nodes by a depth: a linear problem without contact."""
+        """Return the force to lift the lowest nodes by a depth: a linear problem, no contact."""
         dim = 0 if len(self.axes) == self.d else 1
         self.msh.topology.create_connectivity(dim, self.d)
         lowest = mesh.locate_entities_boundary(
@@ -97,7 +100,7 @@ CASES = (
 @pytest.mark.parametrize("depth", (0.01, 0.2))
 @pytest.mark.parametrize(("case", "cell"), CASES)
 def test_on_a_plane(case, cell, depth):
-    """From the first touch on the force is that of conditions that lift the vertices."""
+    """From first contact on, the force is that of Dirichlet conditions that lift the vertices."""
     body = Standing(case, cell)
     depth /= body.n
     normal = np.eye(body.d)[-1]
@@ -119,12 +122,12 @@ def test_on_a_plane(case, cell, depth):
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize(("case", "cell"), (CASES[0], CASES[2], CASES[4]))
 def test_roles_do_not_matter(case, cell, enforcement):
-    """On a block of as stiff a material: the same force whichever of the two is the slave."""
+    """On a block of equal stiffness, the force does not depend on which body is the slave."""
     forces = []
     for swapped in (False, True):
         body, d = Standing(case, cell), len(rotation(case))
         depth, low, high = 0.1 / body.n, [-0.7] * (d - 1) + [-0.5], [0.7] * (d - 1) + [0.0]
-        if case == "edge":  # which does not cross the rim
+        if case == "edge":  # so that the edge does not cross the rim
             low[1], high[1] = -0.2, 1.2
         msh = box(WORLD, (7,) * (d - 1) + (4,), cell, low, high)
         V = vector_space(msh)
@@ -141,12 +144,12 @@ def test_roles_do_not_matter(case, cell, enforcement):
         if enforcement == "augmented-lagrangian":
             assert contact.penetration() < 0.005 / body.n
     assert forces[0] > 0
-    rtol = 1e-9 if enforcement == "augmented-lagrangian" else 0.1  # weights are the slave's areas
+    rtol = 1e-9 if enforcement == "augmented-lagrangian" else 0.1  # the slave's areas are weights
     np.testing.assert_allclose(*forces, rtol=rtol)
 
 
 def test_pressed_flat():
-    """A cube flat on a plane: its corners are no vertices that count, and the patch is exact."""
+    """A cube flat on a plane: its corners get no constraints, and the patch test is exact."""
     msh = box(WORLD, (3, 3, 3), "hexahedron", [0.0] * 3, [1.0] * 3)
     V = vector_space(msh)
     u = fem.Function(V)
@@ -168,7 +171,7 @@ def test_pressed_flat():
 
 
 def test_friction():
-    """A corner that slips bears Coulomb's friction, in steps that pair anew."""
+    """A slipping corner has Coulomb's friction, in steps that update the contact pairs."""
     body = Standing("square", "quadrilateral")
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     options = POINTS | {"sliding": "small"}
@@ -188,12 +191,12 @@ def test_friction():
         assert at_nodes == pytest.approx(contact.step_dissipation(), rel=1e-12)
         assert problem.num_iterations <= 4
         assert WORLD.allreduce(int(contact.slipping().sum())) == 1
-    # In the last two steps nothing changes but where the tool is.
+    # In the last two steps only the place of the tool changes.
     np.testing.assert_allclose(work, force[0] * 2 * depth, rtol=1e-9)
 
 
 def test_large_strains():
-    """A soft square, pressed at once by a fifth of a cell: the path of γ ends where sets return."""
+    """A soft square pressed at once by a fifth of a cell: γ's path ends where active sets recur."""
     body = Standing("square", "quadrilateral")
     P = qs.materials.neo_hookean(body.u, 400.0, 600.0)
     F = ufl.inner(P, ufl.grad(ufl.TestFunction(body.V))) * ufl.dx
@@ -209,7 +212,7 @@ def test_large_strains():
 
 @pytest.mark.parametrize("swapped", (False, True))
 def test_heat(swapped):
-    """Insulated bodies keep what friction at a corner takes, whichever of them has the corner."""
+    """Insulated bodies keep the frictional heat of a corner, whichever body has the corner."""
     body = Standing("square", "triangle")
     depth, low = 0.1 / body.n, box(WORLD, (9, 4), "triangle", [-0.7, -0.5], [0.7, 0.0])
     V = vector_space(low)

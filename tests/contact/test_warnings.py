@@ -1,4 +1,4 @@
-"""What is warned of when a contact is first paired: once, on all ranks, and of nothing else."""
+"""Warnings at the first contact detection: once, on all ranks, and none without a cause."""
 
 import logging
 import re
@@ -33,7 +33,7 @@ from qsdolfinx.pairing.pair import find_conforming
 
 
 def warned(call):
-    """Texts of the contact warnings inside the call, the same on all ranks."""
+    """Return the texts of the contact warnings inside the call; they are the same on all ranks."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         call()
@@ -44,13 +44,13 @@ def warned(call):
 
 
 def one(call, start):
-    """Assert that there is one warning, that begins with the argument to look at."""
+    """Assert that there is one warning, and that it begins with the name of this argument."""
     texts = warned(call)
     assert len(texts) == 1 and texts[0].startswith(f"{start}: "), texts
 
 
 def square(low, n=4, partition="forward"):
-    """A unit square above ``low``, its bottom and its top."""
+    """Make a unit square above ``low``; return its bottom and its top."""
     V = vector_space(box(WORLD, (n, n), "triangle", [0.0, low], [1.0, low + 1], partition))
     return [qs.Surface(V, facets=plane(V.mesh, 1, y)) for y in (low, low + 1)]
 
@@ -64,7 +64,7 @@ def test_nothing_to_warn_of(quadrature, formulation, law):
             options = {"contact_options": {"quadrature": quadrature}, "wave": 0.02}
             Pair(cell, formulation, law(), **options).contact.update()
 
-    # waves that meet are curved the same way, and a tie keeps the gaps between their chords
+    # touching waves share their curvature, and a tie keeps the gaps between their chords
     found = [text for text in warned(scenes) if law is qs.Tied or not text.startswith("facets: ")]
     assert found == []
 
@@ -80,7 +80,7 @@ def test_category():
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_finer_master(cell, formulation):
-    """Once, though contact pairs again, and solves; not with the remedies."""
+    """One warning, although contact detection and solves repeat; none with the remedies."""
 
     def steps():
         pair = Pair(cell, formulation, n=(9, 3), **nodal)
@@ -96,7 +96,7 @@ def test_finer_master(cell, formulation):
 
 
 def test_finer_where_they_meet():
-    """A master that is coarse all over but under the slave, and one that is fine elsewhere."""
+    """The warning depends on the master's facets below the slave, not on those elsewhere."""
     for inner, outer, count in ((0.02, 0.5, 1), (0.2, 0.001, 0)):
         near = np.arange(-0.2, 1.2, inner)
         far = np.arange(near[-1] + outer, near[-1] + 600 * outer, outer)
@@ -114,13 +114,13 @@ def test_finer_where_they_meet():
 
 
 def largest_shear(cell, n, factor, **options):
-    """Friction at the slave's nodes of blocks that stick, and what is warned of.
+    """Return the largest friction at slave nodes of sticking blocks, and the warnings.
 
     Args:
-        cell: Of both.
+        cell: Cell type of both blocks.
         n: Cells of the master and the slave along an edge.
         factor: Penalty over the stiffness of the softer side.
-        options: Of the contact.
+        options: Options of the contact.
     """
     formulation = options.pop("formulation", "quasi-symmetric")
     given = {"friction": qs.Coulomb(0.3), "enforcement": "penalty"} | options
@@ -139,7 +139,7 @@ def largest_shear(cell, n, factor, **options):
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_soft_penalty_at_nodes_of_a_finer_slave(cell):
-    """Where it is warned of, friction is several times too large; elsewhere it is not."""
+    """The warning is given exactly where friction is several times too large."""
     nodal, finer, soft, stiff = {"quadrature": "nodal"}, (2, 8), 0.3, 100.0
     spikes, found = largest_shear(cell, finer, soft, **nodal)
     smooth, nothing = largest_shear(cell, finer, soft)
@@ -157,11 +157,11 @@ def test_soft_penalty_at_nodes_of_a_finer_slave(cell):
         assert texts == [] and at_nodes < 2 * overlay, (n, factor, options, texts)
 
 
-# --- Nothing is paired
+# --- No contact pairs
 
 
 def test_out_of_reach():
-    """Apart, or inside one another, by more than the radius."""
+    """A warning is given for bodies that are apart, or overlap, by more than the search radius."""
     for distance in (0.5, -0.5):
         slave, master = square(distance)[0], square(-1.0)[1]
         one(lambda s=slave, m=master: qs.Contact(s, m), "search_radius")
@@ -172,7 +172,7 @@ def test_out_of_reach():
 
 
 def test_free_side():
-    """At right angles to a die that it may fold on later: nothing is paired, and nothing wrong."""
+    """A side at right angles to a die, which it may fold onto later, has no pairs or warning."""
     V = vector_space(box(WORLD, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0]))
     side = qs.Surface(V, facets=plane(V.mesh, 0, 1.0))
     rigid = qs.RigidSurface.plane(WORLD, [0.0, -0.1], [0.0, 1.0])
@@ -198,7 +198,7 @@ def segments(turned):
 def test_inverted_tool(tool, quadrature):
     slave = square(0.0, partition="backward")[0]
     kind = {"quadrature": quadrature}
-    if tool is segments:  # which way is right is what pairs
+    if tool is segments:  # the correct orientation is the one that gives pairs
         counts = [len(warned(lambda t=t: qs.Contact(slave, tool(t), **kind))) for t in (0, 1)]
         assert sorted(counts) == [0, 1]
         turned = bool(counts[1])
@@ -207,17 +207,17 @@ def test_inverted_tool(tool, quadrature):
         turned = True
     one(lambda: qs.Contact(slave, tool(turned), **kind), "normals")
     before = slave.node_normal.copy()
-    assert np.all(before[:, 1] < 0)  # the slave's are as they were
+    assert np.all(before[:, 1] < 0)  # the slave normals are unchanged
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_wrong_face(quadrature):
-    """The lower block's bottom in the place of its top, found at the same height."""
+    """The lower block's bottom instead of its top, at the same height, gives a warning."""
     slave, master = square(0.0)[0], square(0.01, partition="backward")[0]
     one(lambda: qs.Contact(slave, master, quadrature=quadrature), "normals")
 
 
-# --- Facets for curves
+# --- Facets that approximate curves
 
 
 CURVED = "shared-curvature"
@@ -227,7 +227,7 @@ FINE, COARSE = ((64, 4), (90, 4)), ((16, 5), (22, 7))
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("misfit", (0.01, -0.01))
 def test_chords_of_a_fit(misfit, quadrature):
-    """Interference or clearance beside h²/8R, on the coarser side, and the size that is enough."""
+    """The warning compares the misfit with h²/8R of the coarser side and gives a facet size."""
     for swap in (False, True):
         scene = ShrinkFit(COARSE, swap, misfit)
         chord = 10.0 * (1 - np.cos(np.pi / 2 / 16 / 2))
@@ -244,7 +244,7 @@ def test_chords_of_a_fit(misfit, quadrature):
 
 
 def test_chords_that_do_not_matter():
-    """Fine facets, matching ones, a large misfit, a tie, and the cure."""
+    """No warning for fine or matching facets, a large misfit, a tie, or with the remedy."""
     for options in (
         {"n": FINE},
         {"n": (COARSE[0], COARSE[0])},
@@ -256,7 +256,7 @@ def test_chords_that_do_not_matter():
 
 
 def rms(surface, values):
-    """Over a surface, with the areas of its nodes."""
+    """Return the root mean square over a surface, weighted with the areas of its nodes."""
     area = surface.node_area
     sums = WORLD.allreduce(np.array([area.sum(), area @ values**2]))
     return np.sqrt(sums[1] / sums[0])
@@ -264,9 +264,10 @@ def rms(surface, values):
 
 @pytest.mark.parametrize("misfit, found", ((0.01, True), (0.08, False)))
 def test_chords_and_pressure(misfit, found):
-    """Facets fine beside the interference may be coarse beside what it takes to press them flat.
+    """Facets fine compared with the interference may be coarse compared with their flattening.
 
-    By how much pressures are wrong is said, within what the penalty takes off. The cure cures.
+    The warning gives the error of the pressures, up to the reduction by the penalty. The remedy
+    works.
     """
     pressures, texts = [], []
     for smoothing in ("none", CURVED):
@@ -275,7 +276,7 @@ def test_chords_and_pressure(misfit, found):
         surface = scene.contact.slave
         pressures.append(scene.contact.model.gaps[0].multiplier(scene.contact.model.eps)[:, 0])
     assert len(texts) == found, texts
-    mean = rms(surface, pressures[1])  # it is nearly constant
+    mean = rms(surface, pressures[1])  # it is nearly constant over the surface
     error = rms(surface, pressures[0] - pressures[1]) / mean
     assert (error > 0.1) == found
     if found:
@@ -285,7 +286,7 @@ def test_chords_and_pressure(misfit, found):
 
 
 class PinInBore(Rings):
-    """A pin that is pressed into a bore with clearance, by less than that."""
+    """Pin that is pressed into a bore with clearance, by less than the clearance."""
 
     def __init__(self, n, clearance, depth, smoothing):
         radii = (0.4, 1.0), (1.0 + clearance, 2.0)
@@ -307,7 +308,7 @@ class PinInBore(Rings):
 
 @pytest.mark.parametrize("n, depth, found", ((24, 0.005, True), (80, 0.1, False)))
 def test_chords_beside_the_approach(n, depth, found):
-    """Facets fine beside the clearance may be coarse beside what the load closes."""
+    """Facets fine compared with the clearance may be coarse compared with the approach."""
     forces, texts = [], []
     for smoothing in ("none", CURVED):
         scene = PinInBore(((n, 4), (n * 5 // 8, 4)), 0.02, depth, smoothing)
@@ -320,7 +321,7 @@ def test_chords_beside_the_approach(n, depth, found):
 @pytest.mark.parametrize("degrees", ((2, 1), (2, 2)))
 @pytest.mark.parametrize("n, misfit", ((COARSE, 0.01), (FINE, 0.01), (COARSE, -0.01)))
 def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
-    """Displacements of degree 1 leave them flat: that is said, and nothing of the remedies."""
+    """Displacements of degree 1 leave bent facets flat; the warning does not suggest smoothing."""
 
     def fit(sliding):
         scene = ShrinkFit(n, misfit=misfit, degrees=degrees, sliding=sliding, search_radius=0.5)
@@ -331,7 +332,7 @@ def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
     found = []
     texts, none = warned(lambda: fit("finite")), warned(lambda: fit("small"))
     assert none == [] and len(texts) == (degrees[1] == 1), texts
-    if texts and n is COARSE:  # as it is made; else by its pressures
+    if texts and n is COARSE:  # when the contact is made; otherwise from its pressures
         assert 'sliding="small"' in texts[0] and "displacements of degree 2" in texts[0]
         assert "smoothing" not in texts[0]
     if misfit > 0 and n is COARSE:
@@ -339,7 +340,7 @@ def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
 
 
 def test_chords_of_bent_facets_that_follow_a_shaft():
-    """The same on an analytic tool, which has no chords of its own."""
+    """The same holds on an analytic tool, which has no chord errors."""
     tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 10.005)
     for degrees, sliding, count in (
         ((2, 1), "finite", 1),
@@ -354,7 +355,7 @@ def test_chords_of_bent_facets_that_follow_a_shaft():
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_chords_of_hertz(quadrature):
-    """Surfaces that do not conform: two cylinders, a cylinder or a sphere on a block."""
+    """No warning for nonconforming surfaces: two cylinders, a cylinder or a sphere on a block."""
     for options in ({"case": "cylinders"}, {"ratio": 2.0}, {"dim": 3, "h": 0.3}):
         parameters = Parameters(**({"h": 0.1, "quadrature": quadrature} | options))
         found = warned(lambda p=parameters: build(WORLD, p))
@@ -362,9 +363,9 @@ def test_chords_of_hertz(quadrature):
 
 
 def test_chords_on_a_tool():
-    """A ring on a rigid cylinder; not if it is smoothed, fine, large, or its nodes count.
+    """A ring on a rigid cylinder warns; not if smoothed, fine, with a large misfit, or at nodes.
 
-    Without a word about it gaps are measured from the curved ring, and the warning says so.
+    Without an option gaps are measured from the curved ring, and the warning says so.
     """
     for n, R, found in ((22, 10.005, 1), (22, 9.0, 0), (150, 10.005, 0)):
         ring = Shell((n, 3), (9.995, 15.0))
@@ -390,13 +391,13 @@ def test_chords_on_a_tool():
 
 
 def on_cone(sides, slope, n=7, away=0.0):
-    """A block whose top has been pressed into the shape of a cone of flat facets, and the cone.
+    """Make a block whose top is pressed into the shape of a cone of flat facets, and the cone.
 
     Args:
         sides: Number of facets.
-        slope: Of the facets.
+        slope: Slope of the facets.
         n: Cells of the block along its sides.
-        away: How far the cone is above the block.
+        away: Distance of the cone above the block.
     """
     msh = box(WORLD, [n, n, 2], "hexahedron", [-1.0, -1.0, -1.0], [1.0, 1.0, 0.0], "scattered")
     top = plane(msh, 2, 0.0)
@@ -404,7 +405,7 @@ def on_cone(sides, slope, n=7, away=0.0):
     normals = np.column_stack([np.cos(angle), np.sin(angle)])
     x = msh.geometry.x
     x[:, 2] += (1 + x[:, 2]) * slope * (x[:, :2] @ normals.T).max(axis=1)
-    middle = angle + np.pi / sides  # of the edges between two facets
+    middle = angle + np.pi / sides  # direction of the edges between two facets
     rim = 3.0 / np.cos(np.pi / sides) * np.column_stack([np.cos(middle), np.sin(middle)])
     corners = np.vstack([[0.0, 0.0, 0.0], np.column_stack([rim, np.full(sides, 3 * slope)])])
     corners[:, 2] += away
@@ -416,14 +417,14 @@ def on_cone(sides, slope, n=7, away=0.0):
 
 @pytest.mark.parametrize("sides, away", ((4, 0.0), (4, 0.1), (5, 0.01), (12, 0.0)))
 def test_flat_facets_are_no_chords(sides, away):
-    """Pyramids and cones that bodies have taken the shape of: their edges are edges."""
+    """The edges of pyramids and cones that shaped a body are edges, and give no chord warning."""
     slave, tool = on_cone(sides, 0.1, away=away)
     texts = warned(lambda: qs.Contact(slave, tool, search_radius=0.5))
     assert [text for text in texts if text.startswith("facets")] == []
 
 
 def test_chords_of_one_side():
-    """Of a mesh of degree 2, or named, no side has any; those of the other count."""
+    """A mesh of degree 2 or a named surface has no chord errors; those of the other side count."""
     for degrees, smoothing in (((2, 1), "none"), ((1, 1), "named")):
         assert (
             warned(lambda d=degrees, s=smoothing: ShrinkFit(COARSE, degrees=d, smoothing=s)) == []
@@ -436,11 +437,11 @@ def test_chords_of_one_side():
 
 
 def test_what_conforms():
-    """A pin in its hole all over, two pins of other radii nowhere."""
+    """A pin conforms to its hole everywhere; two pins of different radii conform nowhere."""
     fit = ShrinkFit(COARSE).contact
     pins = [Shell((n, 2), (5.0, R)) for n, R in ((16, 10.0), (30, 15.0))]
     x = pins[1].mesh.geometry.x
-    x[:, :2] = 25.0 / np.sqrt(2.0) - x[:, :2]  # they touch half way
+    x[:, :2] = 25.0 / np.sqrt(2.0) - x[:, :2]  # they touch at half of the quarter circle
     slave, master = (pin.surface(pin.outer) for pin in pins)
     for pair, part in (((fit.slave, fit.master), 1.0), ((slave, master), 0.0)):
         assert find_conforming(*pair, degree=2, radius=SearchRadius(1.0)).part == pytest.approx(
@@ -463,11 +464,11 @@ def test_deep_overclosure():
     assert warned(contact(0.1, law=qs.Tied())) == []
 
 
-# --- Where it is shown
+# --- How warnings are shown
 
 
 def test_not_in_a_loop():
-    """A run that is sound says nothing in any of its steps."""
+    """A correct run gives no warning in any of its steps."""
 
     def run():
         for _ in Upset().stepper.run(0.1):
@@ -477,11 +478,11 @@ def test_not_in_a_loop():
 
 
 def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
-    """FFCx turns Python's warnings over to logging, where nobody takes them: rank 0 prints ours."""
+    """FFCx redirects warnings to logging without a handler: rank 0 prints those of this library."""
     monkeypatch.setattr(logging.getLogger(), "handlers", [])
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        for captured in (False, True):  # now, whatever has been done before
+        for captured in (False, True):  # in this order, whatever was set before
             logging.captureWarnings(captured)
         warnings.warn("of another library", UserWarning, stacklevel=1)
         Pair("triangle", n=(9, 3), contact_options={"quadrature": "nodal"})
@@ -491,7 +492,7 @@ def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
 
 
 def on_its_corner(n, degree=1, **options):
-    """A square on its corner above a floor: problem and floor."""
+    """Make a square on its corner above a floor; return the problem and the floor."""
     msh = box(WORLD, [n, n], "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     low = np.concatenate([plane(msh, axis, 0.0) for axis in (0, 1)])
     far = np.concatenate([plane(msh, axis, 1.0) for axis in (0, 1)])
@@ -506,14 +507,14 @@ def on_its_corner(n, degree=1, **options):
 
 
 def corners(texts):
-    """Which of the warnings are those of corners."""
+    """Select the warnings about corners."""
     return [text.startswith("constraints: a corner of the slave") for text in texts]
 
 
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("depth, found", ((0.005, False), (0.02, True), (0.15, True)))
 def test_a_corner_that_sinks(depth, found, degree):
-    """A square on its corner: mean gaps of nodes are open, without force, until .23 facets."""
+    """Under a corner mean gaps stay open, without force, up to a depth of .23 facets."""
     problem, floor = on_its_corner(8, degree)
     floor.displacement = [0.0, depth / 8]
     assert corners(warned(problem.solve)) == [True] * found
@@ -521,7 +522,7 @@ def test_a_corner_that_sinks(depth, found, degree):
 
 @pytest.mark.parametrize("degree", (1, 2))
 def test_a_corner_that_sinks_by_much(degree):
-    """With some force at last, and too little."""
+    """At a larger depth there is some force, but too little."""
     problem, floor = on_its_corner(8, degree)
     floor.displacement = [0.0, 0.5 / 8]
     assert corners(warned(problem.solve)) == [True]
@@ -531,7 +532,7 @@ def test_a_corner_that_sinks_by_much(degree):
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("constraints", ("nodes", "points"))
 def test_a_corner_of_a_cube_that_sinks(constraints, degree):
-    """A cube on its corner is a third of an edge deep without a force at nodes, not at points."""
+    """A cube's corner sinks a third of an edge without force with nodes, and not with points."""
     n = 4
     msh = box(WORLD, [n, n, n], "hexahedron", [0.0] * 3, [1.0] * 3)
     low = np.concatenate([plane(msh, axis, 0.0) for axis in range(3)])
@@ -550,7 +551,7 @@ def test_a_corner_of_a_cube_that_sinks(constraints, degree):
 
 @pytest.mark.parametrize("degrees, found", (((1, 1), True), ((2, 1), False), ((2, 2), False)))
 def test_curved_facets_have_no_corners(degrees, found):
-    """A coarse roller: chords turn by 45°, the arcs of a mesh of degree 2 meet smoothly."""
+    """A coarse roller has no corners: its chords meet at 45°, its arcs of degree 2 smoothly."""
     shell = Shell((2, 1), (0.4, 1.0), degrees=degrees)
     x = shell.mesh.geometry.x
     x[:, 0], x[:, 1] = (x[:, 0] + x[:, 1]) / np.sqrt(2), (x[:, 0] - x[:, 1]) / np.sqrt(2)

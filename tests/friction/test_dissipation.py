@@ -1,4 +1,4 @@
-"""Energy that friction takes: of second order in Δt, with what slips and leaves within a step."""
+"""Energy dissipated by friction: of second order in Δt, with slip and release within a step."""
 
 from mpi4py import MPI
 
@@ -17,10 +17,10 @@ H, RADIUS, DOWN, WAY = 0.1, 1.5, 0.05, 0.8
 
 
 def slide(facets, **options):
-    """A cylinder pressed on a block slides on it by that many facets a step.
+    """Press a cylinder on a block and slide it by this number of facets per step.
 
     Returns:
-        The tool's work, by the trapezoidal rule; what friction took; the energy left, all summed.
+        The tool's work, by the trapezoidal rule; the friction energy; the energy left, all summed.
     """
     msh = box(WORLD, (30, 10), "quadrilateral", [0.0, -1.0], [3.0, 0.0])
     V = vector_space(msh)
@@ -53,17 +53,17 @@ def slide(facets, **options):
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_energy_balance_of_sliding(enforcement):
-    """The tool's work is stored or taken, also by nodes that leave: each is one of 3 to 6 steps."""
+    """The tool's work is stored or dissipated, also by nodes that leave in one of 3 to 6 steps."""
     fine, coarse = (np.array(slide(facets, enforcement=enforcement)) for facets in (0.25, 1.0))
     np.testing.assert_allclose(fine[1] + fine[2], fine[0], rtol=0.006)
-    np.testing.assert_allclose(coarse[1], fine[1], rtol=0.05)  # 0.07 without those that leave
+    np.testing.assert_allclose(coarse[1], fine[1], rtol=0.05)  # 0.07 without released nodes
 
 
 @pytest.mark.parametrize("law", (qs.Norton(0.3, 10.0, 0.4), qs.Tresca(2.0), qs.Coulomb(0.2)))
 def test_energy_of_flow_is_the_work_of_contact_forces(law):
-    """What a fluid does not take of the work at its held nodes, in each step of a pressed slide.
+    """Friction takes the held nodes' work minus the fluid's, in each step of a pressed slide.
 
-    At the block's trailing end nodes leave, or lose the friction of a law that jumps.
+    At the trailing end of the block nodes are released, or lose the friction of a law that jumps.
     """
     msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
     V = vector_space(msh)
@@ -94,15 +94,15 @@ def test_energy_of_flow_is_the_work_of_contact_forces(law):
     stepper = qs.TimeStepper(problem, 0.25, drive, solve=solve, max_penetration=None)
     for step in range(10):
         dt = stepper.step((step + 1) * 0.25)
-        if stepper.t > 1.6:  # the normal forces work as well until gaps stay what they are
+        if stepper.t > 1.6:  # until gaps are constant, normal forces do work as well
             np.testing.assert_allclose(contact.step_dissipation(), dt * power[-1], rtol=1e-4)
 
 
 @pytest.mark.parametrize("bulge", (0.02, 0.06))
 def test_energy_of_flow_that_closes(bulge):
-    """Σ F·v Δt of friction in each step, nodes of a round side closing in most of them.
+    """Friction takes Σ F·v Δt in each step; in most steps nodes of a round side become active.
 
-    Each of them gives as much heat as friction takes there.
+    Each of these nodes gives as much heat as friction dissipates there.
     """
     msh = box(WORLD, (16, 4), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
     x = msh.geometry.x
@@ -127,7 +127,7 @@ def test_energy_of_flow_that_closes(bulge):
     power = []
 
     def read():
-        """Forces at free nodes are those of contact; a plane's friction is along x."""
+        """Record the power: forces at free nodes are contact forces, with friction along x."""
         b = fem.assemble_vector(form)
         b.scatter_reverse(la.InsertMode.add)
         free = np.ones(V.dofmap.index_map.size_local, dtype=bool)
@@ -151,7 +151,7 @@ def test_energy_of_flow_that_closes(bulge):
 
 
 def test_energy_under_an_edge():
-    """A block drawn over a longer plate, which is the slave: T times its way, in full slip."""
+    """A block drawn over a longer plate, the slave, in full slip dissipates T times its path."""
     bodies, bcs = [], []
     moved = None
     for n, low, high in (((12, 3), [0.0, -1.0], [4.0, 0.0]), ((4, 4), [0.5, 0.0], [1.5, 1.0])):
@@ -178,11 +178,11 @@ def test_energy_under_an_edge():
     np.testing.assert_allclose(taken, work, rtol=0.01)
 
 
-# --- Rows whose pressure changes
+# --- Constraints whose pressure changes
 
 
 def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False):
-    """One row in the plane that slips along x, as the law answers it, with rigid stick."""
+    """Evaluate a law at one constraint in the plane, slipping along x, with rigid stick."""
     one = np.ones(1)
     rows = Rows(
         np.array([[slip, 0.0]]),
@@ -216,7 +216,7 @@ LAWS = {
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("pressures", ((1.0, 2.0), (2.0, 0.5), (0.0, 1.0)))
 def test_pressure_that_changes(law, pressures):
-    """The mean of the limit along the way, the pressure changing at a constant rate."""
+    """With a pressure of constant rate, friction is the mean of the limit along the path."""
     friction, limit = LAWS[law]
     slip, energy = slip_and_energy(friction, evaluated(friction, *pressures, slip=0.2))
     expected = 0.2 * np.mean(limit(np.linspace(*pressures, 100_001)))
@@ -226,14 +226,14 @@ def test_pressure_that_changes(law, pressures):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_row_that_leaves(law):
-    """λ_0 = 2 and a compliance of 0.1 are a gap of 0.2: the row leaves at 2/5 of the way to 0.3."""
+    """λ_0 = 2 at compliance 0.1 is a gap of 0.2: release after 2/5 of the path to a gap of 0.3."""
     friction, limit = LAWS[law]
     step = evaluated(friction, 2.0, 0.0, slip=0.5, gap=-0.3)
     slip, energy = slip_and_energy(friction, step)
     expected = 0.4 * 0.5 * np.mean(limit(np.linspace(2.0, 0.0, 100_001)))
     np.testing.assert_allclose(slip, [[0.2, 0.0]], rtol=1e-6)
     np.testing.assert_allclose(energy, expected, rtol=3e-3)
-    friction = qs.Norton(0.3, 2.0, 0.5, v0=1e-6)  # at the rate of the time in contact
+    friction = qs.Norton(0.3, 2.0, 0.5, v0=1e-6)  # at the slip rate of the time in contact
     step = evaluated(friction, 2.0, 0.0, slip=0.5, gap=-0.3)
     rate = 0.5 / 0.5
     np.testing.assert_allclose(
@@ -243,7 +243,7 @@ def test_row_that_leaves(law):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_edge_that_slides_over_rows(law):
-    """Pressures on unlike areas have no mean: the forces at the end count."""
+    """Pressures on different areas have no mean: the forces at the end of the step count."""
     friction, limit = LAWS[law]
     for pressed, pressure in ((3.0, 1.0), (2.0, 0.0)):
         step = evaluated(friction, pressed, pressure, slip=0.2, same=False)
@@ -252,9 +252,9 @@ def test_edge_that_slides_over_rows(law):
 
 
 def test_means_over_a_step():
-    """A multiplier that is a mean over the step works on all of it, before a row closes as well.
+    """A multiplier that is a mean over the step acts on all of it, also before activation.
 
-    The pressure at the start, a mean over the step before, tells nothing then.
+    In this case the initial pressure, a mean over the previous step, gives no information.
     """
     friction = qs.Coulomb(0.3)
     whole = slip_and_energy(friction, evaluated(friction, 1.0, 2.0, slip=0.2, means=True))
@@ -264,7 +264,7 @@ def test_means_over_a_step():
 
 
 def test_nothing_before_the_first_solve():
-    """No energy, and no slip, before anything has been evaluated."""
+    """Before the first evaluation there is no energy and no slip."""
     msh = box(WORLD, (2, 2), "quadrilateral", [0.0, -1.0], [1.0, 0.0])
     V = vector_space(msh)
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, -1.0])

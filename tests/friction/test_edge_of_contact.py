@@ -1,4 +1,4 @@
-"""Nodes about to open under friction that jumps there: they have part of it, see ``fill``."""
+"""Nodes about to open under friction that jumps there have a part of it, see ``fill``."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,14 @@ from qsdolfinx.friction.laws import Response
 
 LAWS = {"tresca": lambda: qs.Tresca(2.0), "norton": lambda: qs.Norton(0.3, 10.0, 0.4)}
 
-#: Most iterations of a step in which the block is dragged. A dozen are usual. The worst step takes
-#: 31 on one rank and 41 on two, where the line search is held up as a row gets to the edge.
+#: Largest number of iterations of a step in which the block is dragged. A dozen is usual. The worst
+#: step takes 31 on one rank and 41 on two, where the line search stagnates as a constraint reaches
+#: the edge of contact.
 MOST = 50
 
 
 def answer(T):
-    """Of a law that answers T, whatever the slip is."""
+    """Return the response of a law with traction T, whatever the slip is."""
     n, gdim = T.shape
     stiffness, no = np.zeros((n, gdim, gdim)), np.zeros(n, dtype=bool)
     return Response(T, stiffness, np.zeros_like(T), no, np.zeros_like(T), np.zeros(n))
@@ -26,7 +27,7 @@ def answer(T):
 
 @pytest.mark.parametrize("a", (0.1, 100.0))
 def test_filled_graph(monkeypatch, a):
-    """τ is what the graph says at all of its points, and nowhere else, whatever a is."""
+    """τ agrees with the graph at all of its points, and nowhere else, whatever a is."""
     monkeypatch.setattr(filled, "OF_PRESSURE", a)
     rng, no = np.random.default_rng(1), np.zeros(30, dtype=bool)
     T = rng.normal(size=(30, 3))
@@ -46,10 +47,10 @@ def test_filled_graph(monkeypatch, a):
 
 
 def dragged(law, enforcement, press=0.01, steps=8, **options):
-    """A block on a rigid plane, pressed a little and dragged by its top: its rear edge lifts.
+    """Press a block slightly on a rigid plane and drag it by its top: its rear edge lifts.
 
     Yields:
-        The problem, the contact, and the force that the top needs, after each step.
+        The problem, the contact, and the force at the top, after each step.
     """
     msh = box(WORLD, (16, 8), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
     V = vector_space(msh)
@@ -78,9 +79,10 @@ def dragged(law, enforcement, press=0.01, steps=8, **options):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("press", (0.005, 0.01, 0.02))
 def test_dragged_block(press, law, enforcement):
-    """One Newton's method finds it; forces balance; less than the law's friction without pressure.
+    """Forces balance after one Newton solve; friction is at most the law's.
 
-    Where |τ| is less, the node's gap is closed and its pressure 0.
+    Nodes without pressure may have less friction. Where |τ| is smaller, the gap of the node is
+    closed and its pressure is 0.
     """
     edges = 0
     for problem, contact, force in dragged(law, enforcement, press):
@@ -91,20 +93,20 @@ def test_dragged_block(press, law, enforcement):
             rows = state.evaluated.rows._replace(closed=np.ones_like(state.closed))
             T = np.linalg.norm(slip.friction.respond(rows).traction, axis=1)
             tau, most = np.linalg.norm(state.response.traction, axis=1), largest(pressure)
-            if law == "tresca":  # the trial of an augmented Lagrangian is on the bound itself
+            if law == "tresca":  # the trial value of an augmented Lagrangian is on the bound itself
                 T = np.where(state.response.slipping, 2.0, T)
             assert largest(np.maximum(tau - T, 0.0)) <= 1e-9 * largest(T)
             part = (tau < (1 - 1e-6) * T - 2 * slip.rounding(state.response)) & (tau > 0)
             assert largest(pressure[part]) <= 1e-9 * most
             assert largest(gap.state.values[part, 0]) <= 1e-9
             edges += int(part.sum())
-    if press == 0.005:  # its solutions have such nodes
+    if press == 0.005:  # its solutions contain such nodes
         assert WORLD.allreduce(edges) > 0
 
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_results_do_not_depend_on_the_way(monkeypatch, enforcement):
-    """What a stress weighs in telling the edge of contact does not matter."""
+    """The weight of a stress in the criterion for the edge of contact does not change results."""
     forces = []
     for a in (3.0, 100.0):
         monkeypatch.setattr(filled, "OF_PRESSURE", a)
@@ -125,7 +127,7 @@ def test_results_do_not_depend_on_the_way(monkeypatch, enforcement):
 def test_box(cell, n, friction):
     """Forces on a block in a box balance at the nodes that the solve leaves with λ = ḡ = 0.
 
-    At its corners, where a node sticks to two tools, multipliers pass 1e10 on the way.
+    At its corners a node sticks to two tools, and multipliers exceed 1e10 during the solve.
     """
     msh = box(WORLD, (n, n), cell, [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
@@ -149,7 +151,7 @@ def test_box(cell, n, friction):
 
 @pytest.mark.parametrize("friction", (1e-3, 0.3))
 def test_driven_between_nodes(friction):
-    """A round tool, pushed by a force where no node is, keeps the rows that friction would open."""
+    """A force on a round tool between nodes: constraints that friction would open stay active."""
     msh = box(WORLD, (3, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -180,6 +182,6 @@ def test_corner():
     lid.displacement = [0.0, 0.0, -0.02]
     problem.solve()
     force = contacts[3].force("master")[2]
-    # Without friction it is 0.2198; friction at walls and floor adds to it.
+    # Without friction it is 0.2198; friction on walls and floor increases it.
     assert 0.23 < force < 0.27
     assert np.abs(sum(c.force("slave") for c in contacts)).max() < 1e-8 * force

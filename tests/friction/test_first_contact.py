@@ -1,4 +1,4 @@
-"""Where slip starts: at rows that close within a step, at contacts of bodies that have moved."""
+"""Start of slip: constraints activated within a step, and bodies that have moved before."""
 
 import itertools
 
@@ -26,7 +26,7 @@ from qsdolfinx.solve import onset
 
 PENALTY, AUGMENTED = {"penalty": 500.0}, {"enforcement": "augmented-lagrangian"}
 
-#: Way of the block, and its distance from what it meets, which is none of the ends of steps.
+#: Displacement of the block, and its initial gap, which is not reached at the end of a step.
 WAY, DISTANCE = np.array((0.02, -0.02)), 0.0151
 
 LAWS = {
@@ -38,7 +38,7 @@ LAWS = {
 
 
 class Landing:
-    """A block that moves down and sideways until it is pressed on a floor, or another block."""
+    """Block that moves down and sideways until it is pressed on a floor or another block."""
 
     def __init__(self, law, kind="displacement", master="tool", **options):
         msh = box(WORLD, (4, 4), "quadrilateral", [0.0, DISTANCE], [1.0, 1.0 + DISTANCE])
@@ -67,7 +67,7 @@ class Landing:
         self.top.value[:] = WAY * (1.0 if self.kind == "velocity" else t)
 
     def run(self, steps, stepper):
-        """T/N and the energy that friction takes."""
+        """Return T/N and the energy dissipated by friction."""
         if self.contact.dt is not None:
             self.contact.set_dt(1 / steps)
         if stepper:
@@ -95,10 +95,10 @@ class Landing:
 )
 @pytest.mark.parametrize("stepper", (False, True))
 def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):
-    """One step, or a few, give T/N and the energy of many; before it was the whole step's slip.
+    """One step, or a few, give T/N and energy of many; formerly the slip was the whole step's.
 
-    Energy of bodies in velocities is F · v Δt, as in the equilibrium, and of first order in Δt: see
-    test_dissipation.py::test_energy_of_flow_that_closes.
+    For velocity-based bodies the energy is F · v Δt, as in the equilibrium, and of first order in
+    the time step: see test_dissipation.py::test_energy_of_flow_that_closes.
     """
     if kind == "velocity" and not stepper:
         pytest.skip("the mesh has to move")
@@ -110,13 +110,13 @@ def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):
 
 
 def test_sticking_and_energy_in_one_step():
-    """Sticking: one step is exact where the way is straight and nothing slips."""
+    """With sticking, one step is exact where the path is straight and nothing slips."""
     one, many = (Landing("sticking", **AUGMENTED).run(n, False) for n in (1, 40))
     np.testing.assert_allclose(one, many, rtol=1e-6, atol=1e-12)
 
 
 def test_coulomb_takes_half():
-    """Coulomb: the pressure grows from zero, and friction takes half of what its end would."""
+    """In Coulomb friction the pressure grows from zero: friction takes half of its final power."""
     case = Landing("coulomb", constraints="nodes", **AUGMENTED)
     case.run(1, False)
     contact, nodes = case.contact, case.contact.active()
@@ -130,14 +130,14 @@ def test_coulomb_takes_half():
 @pytest.mark.parametrize("constraints", ("nodes", "points"))
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
 def test_other_formulations(formulation, constraints):
-    """One step is many with each formulation, and with constraints at points."""
+    """One step agrees with many for each formulation, and with constraints at points."""
     options = {"formulation": formulation, "constraints": constraints, "penalty": 500.0}
     one, many = (Landing("coulomb", master="body", **options).run(n, False) for n in (1, 60))
     np.testing.assert_allclose(one, many, rtol=0.1)
 
 
 def test_no_second_step_without_closing_rows(monkeypatch):
-    """Rows that were closed before, and scenes that stay open, cost no iteration more."""
+    """Constraints active before, and scenes without contact, need no additional iteration."""
     case = Landing("coulomb", **PENALTY)
     closed = np.zeros(len(case.contact.active()), dtype=bool)
     closings = []
@@ -149,7 +149,7 @@ def test_no_second_step_without_closing_rows(monkeypatch):
 
     find = onset.Onset.find
     monkeypatch.setattr(onset.Onset, "find", count)
-    for t in (0.5, 0.75, 0.8, 1.0):  # open, open, closes, closed
+    for t in (0.5, 0.75, 0.8, 1.0):  # inactive, inactive, becomes active, active
         case.drive(t, 0.0)
         before, closings[:] = closed, []
         case.problem.solve()
@@ -159,11 +159,11 @@ def test_no_second_step_without_closing_rows(monkeypatch):
         assert t > 0.75 or case.problem.num_iterations <= 2
 
 
-# --- Rows that close one after another, beside one that is closed
+# --- Constraints that become active one after another, beside an active one
 
 
 def press_by_a_tilted_plane(steps, **options):
-    """T and N: a plane has slid away from a block until it touches a corner, and comes down."""
+    """Return T and N: a plane slides along a block, touches its corner and comes down."""
     msh = box(WORLD, (20, 10), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -196,7 +196,7 @@ def press_by_a_tilted_plane(steps, **options):
     ],
 )
 def test_rows_that_close_one_after_another(options):
-    """One step is nearly as five, though rows that close bend the way of the others."""
+    """One step nearly agrees with five, although each activation changes the others' slip path."""
     one, many = (press_by_a_tilted_plane(n, **options) for n in (1, 5))
     assert many[0] > 0.2 * abs(many[1])
     np.testing.assert_allclose(one, many, rtol=0.07 if options.get("sliding") == "finite" else 0.04)
@@ -204,9 +204,9 @@ def test_rows_that_close_one_after_another(options):
 
 @pytest.mark.parametrize("steps", (1, 2))
 def test_points_that_close_before_the_mean_of_their_node(steps):
-    """A wheel is pressed and dragged at once, and slips in all of the contact: T/N is μ.
+    """A wheel pressed and dragged at once slips in all of the contact: T/N is μ.
 
-    Points within a facet close one after another, and nodes whose mean gap closes late have had
+    Points within a facet become active one after another. Nodes whose mean gap closes late have had
     friction for longer.
     """
     msh = box(WORLD, (30, 3), "quadrilateral", [-1.0, 0.0], [1.0, 0.5])
@@ -232,11 +232,11 @@ def test_points_that_close_before_the_mean_of_their_node(steps):
     np.testing.assert_allclose(abs(T) / N, 0.3, rtol=2e-3)
 
 
-# --- Bodies that have moved before contact sees them
+# --- Bodies that have moved before the first solve
 
 
 def test_bodies_that_are_elsewhere_at_first():
-    """A block that has been carried by 0.4 before the first solve, and is pressed straight down."""
+    """A block moved by 0.4 before the first solve, and pressed straight down, has no slip."""
     found = []
     for carried in (0.0, 0.4):
         pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.3)})
@@ -249,7 +249,7 @@ def test_bodies_that_are_elsewhere_at_first():
 
 
 def test_conditions_on_contact_nodes_at_first():
-    """What conditions move in the first solve is slip, also on nodes of the contact."""
+    """Motion by conditions in the first solve is slip, also if they hold contact nodes."""
     pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.3)})
     value = np.array((0.05, -0.01))
     near = plane(pair.meshes[1], 1, 0.0)
@@ -260,7 +260,7 @@ def test_conditions_on_contact_nodes_at_first():
 
 
 def test_tool_that_is_elsewhere_at_first():
-    """A tool's displacement when its contact is made is no slip."""
+    """The displacement of a tool when its contact is made is no slip."""
     found = []
     for carried in (0.0, 0.4):
         msh = box(WORLD, (4, 4), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
@@ -282,7 +282,7 @@ def test_tool_that_is_elsewhere_at_first():
 
 
 def test_contact_goes_on_in_another_problem():
-    """The next problem goes on with its history, and the one before cannot any more."""
+    """Another problem continues the contact's history; the previous problem is then refused."""
     found = []
     for again in (False, True):
         pair = Pair("quadrilateral", contact_options={"friction": qs.Coulomb(0.1)})
@@ -306,7 +306,7 @@ def test_contact_goes_on_in_another_problem():
 
 @pytest.mark.parametrize("options", (PENALTY, AUGMENTED))
 def test_stiff_rates_converge(options, monkeypatch):
-    """Where rounding of slips is more than the tolerance of τ, Newton's method still ends."""
+    """If rounding of slips exceeds the tolerance of τ, Newton's method still terminates."""
     monkeypatch.setitem(LAWS, "norton", lambda: qs.Norton(0.3, 0.02, 0.1, v0=1e-13))
     scene, counts = Landing("norton", master="block", **options), []
     for depth in (0.0004, 0.0014, 0.0024):

@@ -25,7 +25,7 @@ from qsdolfinx.contact import active_set
 
 
 def quadratic_space(msh):
-    """P2 displacements."""
+    """Make a space of P2 displacements."""
     return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
 
 
@@ -56,7 +56,7 @@ KINDS = allowed(FORMULATIONS, OPTIONS)
 
 
 def pair_of(cell, friction, formulation="quasi-symmetric", options=None, **kwargs):
-    """Two blocks, the upper one pressed down and dragged along x by its top."""
+    """Make two blocks; the top of the upper one is pressed down and dragged along x."""
     options = {"friction": friction, **(options or {})}
     if friction.needs_dt:
         options["dt"] = 0.5
@@ -66,7 +66,7 @@ def pair_of(cell, friction, formulation="quasi-symmetric", options=None, **kwarg
 
 
 def problem_of(cell, law, formulation="quasi-symmetric", options=None, shift=0.05, **kwargs):
-    """A problem whose blocks have been pressed and dragged in two steps."""
+    """Make a problem whose blocks have been pressed and dragged in two steps."""
     pair = pair_of(cell, LAWS[law](), formulation, options, **kwargs)
     value = np.zeros(pair.gdim)
     load = fem.Constant(pair.meshes[1], value)
@@ -85,7 +85,7 @@ def problem_of(cell, law, formulation="quasi-symmetric", options=None, shift=0.0
 @pytest.mark.parametrize(("formulation", "options"), KINDS)
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
 def test_finite_differences(cell, formulation, law, options):
-    """Open, sticking and slipping rows at once."""
+    """The tangent agrees with differences for open, sticking and slipping constraints at once."""
     n = (8, 6) if cell == "triangle" else (3, 2)
     pair, problem, _ = problem_of(cell, law, formulation, OPTIONS[options], n=n, wave=0.05)
     contact = pair.contact
@@ -110,7 +110,7 @@ def test_finite_differences(cell, formulation, law, options):
 @pytest.mark.parametrize("law", ("coulomb", "tresca", "coulomb-tresca"))
 @pytest.mark.parametrize(("formulation", "options"), KINDS)
 def test_cone_and_dissipation(formulation, law, options):
-    """|τ| ≤ κ(λ), equal where it slips; friction takes energy at every node and step."""
+    """|τ| ≤ κ(λ), with equality in slip; friction dissipates energy at every node and step."""
     pair, problem, load = problem_of(
         "quadrilateral", law, formulation, OPTIONS[options], n=(8, 6), wave=0.02
     )
@@ -144,7 +144,7 @@ def test_cone_and_dissipation(formulation, law, options):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_sticking_is_tied(cell, quadrature, formulation):
-    """Sticking friction on a closed interface: tied contact."""
+    """Sticking friction on a closed interface is tied contact."""
     forces, solutions = [], []
     for law, more in ((qs.Tied(), {}), (qs.Unilateral(), {"friction": qs.Sticking()})):
         options = {"quadrature": quadrature, "constraints": "nodes", "gap_tolerance": 1e-10, **more}
@@ -160,7 +160,7 @@ def test_sticking_is_tied(cell, quadrature, formulation):
 
 
 def test_nothing_without_friction():
-    """A scene without friction has no tangential row, and slip cannot be asked for."""
+    """Without friction there are no tangential constraints, and slip is not available."""
     pair = Pair("quadrilateral")
     pair.problem().solve()
     contact = pair.contact
@@ -173,7 +173,7 @@ def test_nothing_without_friction():
 
 
 def test_slip_and_history():
-    """Stick first, then slip; what is taken back does not come back, and energies agree."""
+    """First stick, then slip; dissipated energy does not come back, and energies agree."""
     pair, problem, load = problem_of("quadrilateral", "coulomb", shift=0.0, n=(8, 6))
     contact = pair.contact
     forces, states, slips = [], [], []
@@ -197,7 +197,7 @@ def test_slip_and_history():
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_nothing_moves(cell):
-    """Nodes that slipped are on their limit; a step without motion is one of stick for all."""
+    """Nodes that slipped are at their limit; in a step without motion all nodes stick."""
     pair, problem, _ = problem_of(cell, "coulomb", shift=0.3, n=(4, 3))
     contact = pair.contact
     slipped = WORLD.allreduce(int(contact.slipping().sum()))
@@ -208,7 +208,7 @@ def test_nothing_moves(cell):
 
 
 def test_solves_of_one_step():
-    """Solves inside one_step() are attempts: the history starts from the same state."""
+    """Solves inside one_step() are attempts: each starts from the same history."""
     results = []
     for attempts in (1, 3):
         pair, problem, load = problem_of("quadrilateral", "coulomb", n=(8, 6))
@@ -225,7 +225,7 @@ def test_solves_of_one_step():
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("law", LAWS)
 def test_ranks_do_not_matter(law, options):
-    """Forces, slip and dissipation as on one rank."""
+    """Forces, slip and dissipation are those of one rank."""
     results = []
     for comm in (MPI.COMM_SELF, WORLD):
         pair, *_ = problem_of(
@@ -247,7 +247,7 @@ def test_ranks_do_not_matter(law, options):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("kind", ("constant", "function"))
 def test_parameters(formulation, kind):
-    """μ as a Constant or a Function: what it is now counts, on either side."""
+    """For μ as a Constant or a Function, the present value counts, on either side."""
     pair = Pair("quadrilateral", n=(8, 6))
     if kind == "constant":
         mu = fem.Constant(pair.meshes[1], 0.1)
@@ -280,7 +280,7 @@ def test_parameters(formulation, kind):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("space", (quadratic_space, mini_space), ids=("quadratic", "mini"))
 def test_other_spaces(space, formulation):
-    """Full slip with a friction that varies, T = Σ μ λ, of displacements of degree 2 and MINI."""
+    """Friction that varies gives T = Σ μ λ in full slip, for degree 2 and MINI."""
     pair = Pair("triangle", n=(8, 6), space=space, contact_options={"quadrature": "overlay"})
     mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
     mu.interpolate(lambda x: 0.1 + 0.2 * x[0])
@@ -295,7 +295,7 @@ def test_other_spaces(space, formulation):
     drag_top(pair, 1.0)
     problem = pair.problem()
     problem.solve()
-    # Both blocks are 1 long: nearly ∫ (0.1 + 0.2 x) p dx.
+    # Both blocks have length 1: nearly ∫ (0.1 + 0.2 x) p dx.
     expected, errors = [], []
     for side in ("slave", "master") if formulation == "double-pass" else ("slave",):
         surface = contact.slave if side == "slave" else contact.master
@@ -307,13 +307,13 @@ def test_other_spaces(space, formulation):
         errors.append(largest((np.linalg.norm(tau, axis=1) - rough)[inside]) / largest(rough))
         expected.append(WORLD.allreduce(int(slips.sum())))
     assert min(expected) > 3
-    # The master's nodes take means over what they face.
+    # Master nodes use means over the opposite surface.
     assert max(errors) < (0.02 if formulation == "double-pass" else 1e-10)
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_function_on_the_other_side(quadrature):
-    """Master nodes far from any slave node take the function where they face the slave."""
+    """Master nodes far from slave nodes use the value of the function opposite them."""
     pair = Pair("quadrilateral", n=(12, 2))
     mu = fem.Function(fem.functionspace(pair.meshes[1], ("Lagrange", 1)))
     mu.interpolate(lambda x: 0.1 + x[0])
@@ -323,5 +323,5 @@ def test_function_on_the_other_side(quadrature):
     x = pair.master.node_x[second.gap.rows.reached, 0]
     error = largest((second.parameters["mu"] - 0.1 - x)[(x > 0.4) & (x < 0.6)])
     rows = WORLD.allreduce(len(x))
-    # The slave's nodes have means over two facets, which are exact but at the ends.
+    # Slave nodes have means over two facets, which are exact except at the ends.
     assert rows == 13 and error < 0.04

@@ -1,4 +1,4 @@
-"""Friction at points: what these have beyond their nodes lasts from step to step."""
+"""Friction at points: their history beyond that of the nodes persists between steps."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ENFORCEMENTS = ("penalty", "augmented-lagrangian")
 
 
 class Block:
-    """A block between a clamped bottom and a wider block that presses and drags it: part slips."""
+    """Block between a clamped bottom and a wider block that presses and drags it; part slips."""
 
     def __init__(self, cell, enforcement, law, sliding=None):
         axis = 1 if cell == "triangle" else 2
@@ -55,7 +55,7 @@ class Block:
 @pytest.mark.parametrize("enforcement", ENFORCEMENTS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_restart(cell, enforcement, law, tmp_path_factory):
-    """The third step is the same whether a checkpoint has been loaded before it."""
+    """The third step is the same, whether or not a checkpoint is loaded before it."""
     folder = WORLD.bcast(str(tmp_path_factory.mktemp("points")), root=0)
     case, again = (Block(cell, enforcement, law) for _ in range(2))
     for _ in range(3):
@@ -77,12 +77,12 @@ def test_restart(cell, enforcement, law, tmp_path_factory):
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 @pytest.mark.parametrize(("sliding", "creep"), (("small", 1e-2), ("finite", 1.5e-2)))
 def test_where_nothing_moves(sliding, creep, cell, enforcement):
-    """Contact that is paired anew, or cut where areas are others, stays as it is."""
+    """Without motion, updating the contact pairs and the areas changes nothing."""
     case = Block(cell, enforcement, qs.Coulomb(MU), sliding)
     for _ in range(3):
         case.stepper.step()
     case.stepper.drive = lambda t, dt: None
-    case.stepper.step()  # pairs, and measures areas, where the last one has led
+    case.stepper.step()  # contact detection and areas at the result of the last step
     before, energy = case.state(), case.contact.dissipated_energy()
     for _ in range(4):
         case.stepper.step()

@@ -1,4 +1,4 @@
-"""Friction laws at single rows: closed forms, derivatives in stick, slip and at the switch."""
+"""Friction laws at one constraint: closed forms, derivatives in stick, slip and at the limit."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ LAWS = {
 
 
 def rows_of(law, slip, traction, pressure, penalty=10.0, cover=1.0):
-    """Rows in the plane across a random normal; slip and traction have two components there."""
+    """Make constraints across a random normal; slip and traction have two components there."""
     n = len(slip)
     normal = np.random.default_rng(1).normal(size=3)
     basis = np.linalg.svd(normal[None])[2][1:]  # two tangents
@@ -47,7 +47,7 @@ def random_rows(law, n=200, size=0.3):
 
 
 def derivatives(law, rows, basis, step, side=0):
-    """Central (or one-sided) differences of τ: to slip (rows, 3, 2), to pressure (rows, 3)."""
+    """Return central or one-sided differences of τ: to slip (rows, 3, 2), pressure (rows, 3)."""
 
     def traction(**changes):
         return law.respond(rows._replace(**changes)).traction
@@ -64,7 +64,7 @@ def derivatives(law, rows, basis, step, side=0):
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_derivatives(law):
-    """Open, sticking and slipping rows."""
+    """Derivatives agree with differences in open, sticking and slipping constraints."""
     rows, basis = random_rows(law)
     response = law.respond(rows)
     to_slip, to_pressure = derivatives(law, rows, basis, 1e-7)
@@ -119,7 +119,7 @@ def test_return_mapping(name):
 
 
 def test_made_to_stick():
-    """Rows without a limit have the trial multiplier and the penalty's rigidity."""
+    """Constraints without a limit have the trial multiplier and the penalty as stiffness."""
     law = LAWS["coulomb"]
     rows, _ = random_rows(law)
     response = law.respond(rows._replace(unlimited=rows.closed))
@@ -132,7 +132,7 @@ def test_made_to_stick():
 
 @pytest.mark.parametrize("name", ("norton", "norton-linear", "norton-v0"))
 def test_norton(name):
-    """τ = α K |Δv|^(q-1) Δv of the mean slip rate, well above v0, and linear well below."""
+    """τ = α K |Δv|^(q-1) Δv of the mean slip rate well above v0; τ is linear well below v0."""
     law = LAWS[name]
     v0 = 2e-4 if law.v0 is None else law.v0
     for cover in (1.0, 0.25):

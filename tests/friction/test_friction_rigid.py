@@ -1,6 +1,6 @@
-"""Friction on rigid tools: analytic and of facets, moved and rotated, in displacements, velocities.
+"""Friction on analytic or faceted rigid tools, moved and rotated; displacements, velocities.
 
-A block that is held at its bottom is pressed by a tool on its top and dragged by it.
+A block held at its bottom is pressed by a tool on its top and dragged by the tool.
 """
 
 import numpy as np
@@ -23,13 +23,13 @@ AUGMENTED = {"enforcement": "augmented-lagrangian"}
 
 
 def rotation(gdim, angle):
-    """About y in 3D, so that a horizontal face tilts; in the plane in 2D."""
+    """Return a rotation about y in 3D, so that a horizontal face tilts; in 2D in the plane."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]] if gdim == 2 else [[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 class Scene:
-    """An elastic unit block, held at its bottom, and a tool at its top."""
+    """Elastic unit block, held at its bottom, and a tool at its top."""
 
     def __init__(self, cell, kind="analytic", sampling="nodal", turn=None, n=3, **options):
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
@@ -51,14 +51,14 @@ class Scene:
         self.problem = qs.ContactProblem(forms, [self.u], [self.contact], bcs)
 
     def at_nodes(self, function):
-        """Values at the surface's nodes of this rank."""
+        """Return values at the surface's nodes of this rank."""
         surface = self.contact.slave
         first = surface.V.dofmap.index_map.local_range[0] * self.gdim
         return function.x.array[surface.node_dofs - first]
 
 
 def along(gdim, angle):
-    """Horizontal unit vector."""
+    """Return a horizontal unit vector."""
     return np.array([1.0, 0.0] if gdim == 2 else [np.cos(angle), np.sin(angle), 0.0])
 
 
@@ -66,7 +66,7 @@ def along(gdim, angle):
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 def test_full_slip(cell, kind, sampling):
-    """Friction is μ times the load, along the tool's way; the tool feels the opposite."""
+    """Friction is μ times the load along the tool's motion; the tool has the opposite force."""
     scene = Scene(cell, kind, sampling)
     d, way = scene.gdim, along(scene.gdim, 0.4)
     down = -PRESS * np.eye(d)[-1]
@@ -89,7 +89,7 @@ def test_full_slip(cell, kind, sampling):
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_tilted(cell, kind):
-    """Block and tool turned together: forces and slip turn with them."""
+    """Rotating block and tool together rotates forces and slip with them."""
     results = []
     d = 2 if cell == "triangle" else 3
     for turn in (np.eye(d), rotation(d, 0.7)):
@@ -111,7 +111,7 @@ def test_tilted(cell, kind):
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("angle", (0.4, -0.4))
 def test_spin(kind, angle):
-    """A tool that spins about the vertical: slip and friction run around its axis."""
+    """For a tool that spins about the vertical, slip and friction circle around its axis."""
     scene = Scene("hexahedron", kind, "overlay", n=4)
     scene.tool.displacement = [0.0, 0.0, -PRESS]
     scene.problem.solve()
@@ -132,7 +132,7 @@ def test_spin(kind, angle):
     least = [-largest(-1 + c) for c in cosine]
     moment, force = contact.moment("slave", [0.5, 0.5, 1.0]), contact.force("slave")
     assert least[0] > -0.03 and least[1] > -0.1
-    # A uniform pressure on a square has μ N times the mean distance from the axis, 0.3826.
+    # A uniform pressure on a square gives μ N times the mean distance from the axis, 0.3826.
     assert np.isclose(moment[2], np.sign(angle) * MU * -force[2] * 0.3826, rtol=0.2)
     assert np.linalg.norm(force[:2]) < 0.02 * MU * -force[2]
 
@@ -140,9 +140,10 @@ def test_spin(kind, angle):
 @pytest.mark.parametrize("kind", TOOLS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_steps(cell, kind):
-    """Solves without pairing anew, and time steps, which do: the same totals.
+    """Solves without contact updates and time steps with them have the same totals.
 
-    At nodes with an augmented Lagrangian, whose forces do not depend on how large facets are.
+    Constraints are at nodes, with an augmented Lagrangian: its forces do not depend on the current
+    facet sizes.
     """
     results = []
     for stepping in (False, True):
@@ -169,7 +170,7 @@ def test_steps(cell, kind):
         results.append((np.array(forces), scene.contact.dissipated_energy(), total))
     forces = results[0][0]
     assert forces[1][0] > 0 and forces[3][0] > 0 > forces[4][0] and results[0][1] > 1e-3
-    # Energies: pressures at the start of a step are those of facets as they were paired then.
+    # Energies: pressures at the start of a step are those of the facets at that contact update.
     for plain, stepped, rtol in zip(*results, (1e-5, 1e-3, 1e-5), strict=True):
         np.testing.assert_allclose(stepped, plain, rtol=rtol, atol=1e-7)
 
@@ -178,9 +179,9 @@ def test_steps(cell, kind):
 
 
 class Shear:
-    """A Newtonian slab, 1 × h, on a plate at rest; a tool on its top moves along x.
+    """Newtonian slab, 1 × h, on a plate at rest; a tool on its top moves along x.
 
-    The sides are under the pressure P and do not move up or down: the flow is simple shear.
+    The sides have the pressure P and no vertical velocity: the flow is simple shear.
     """
 
     H, P, DT = 0.5, 2.0, 0.1
@@ -192,7 +193,7 @@ class Shear:
         stress = qs.materials.newtonian(ufl.split(self.w)[0], viscosity)
         v = ufl.TestFunctions(W)[0]
         n = ufl.FacetNormal(msh)
-        load = self.P * n[0] ** 2 * ufl.inner(n, v) * ufl.ds  # on the sides
+        load = self.P * n[0] ** 2 * ufl.inner(n, v) * ufl.ds  # on the lateral sides
         F = qs.materials.incompressible(self.w, stress) + load
         bcs = [slide(V, i, plane(msh, 1, 0.0)) for i in (0, 1)]
         bcs += [slide(V, 1, plane(msh, 0, x)) for x in (0.0, 1.0)]
@@ -209,13 +210,13 @@ class Shear:
 
 
 def test_viscous_slab():
-    """Norton's friction between a slab and a plate: K γ̇ = α K_f (V − γ̇ h)^q, solved by hand."""
+    """Norton friction of a slab on a plate has a closed form: K γ̇ = α K_f (V − γ̇ h)^q."""
     viscosity, alpha, Kf, speed = 3.0, 0.4, 5.0, 2.0
     for q in (1.0, 0.5, 0.15):
         scene = Shear(viscosity, qs.Norton(alpha, Kf, q, v0=1e-6))
         force = scene.drag(speed)
         rate, high = 0.0, speed / Shear.H
-        for _ in range(60):  # bisection
+        for _ in range(60):  # bisection for the slip rate
             middle = (rate + high) / 2
             grows = viscosity * middle < alpha * Kf * (speed - middle * Shear.H) ** q
             rate, high = (middle, high) if grows else (rate, middle)
@@ -236,7 +237,7 @@ def test_viscous_slab():
 
 @pytest.mark.parametrize("q", (1.0, 0.3))
 def test_stiff_slab(q):
-    """On a slab that hardly flows τ = α K V^q, in time steps too."""
+    """On a slab that hardly flows τ = α K V^q, also in time steps."""
     scene = Shear(1e8, qs.Norton(0.4, 5.0, q, v0=1e-6))
 
     def drive(t, dt):
@@ -253,7 +254,7 @@ def test_stiff_slab(q):
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_coulomb_in_velocities(enforcement):
-    """Slow tools take the slab along; fast ones slip, and friction is μ times the load."""
+    """Slow tools drag the slab along; fast ones slip, and friction is μ times the load."""
     scene = Shear(3.0, qs.Coulomb(MU), enforcement=enforcement)
     slow, fast = scene.drag(0.01), scene.drag(3.0)
     slipping = WORLD.allreduce(int(scene.contact.slipping().sum()))
@@ -264,7 +265,7 @@ def test_coulomb_in_velocities(enforcement):
 
 @pytest.mark.parametrize("kind", TOOLS)
 def test_flow_in_steps(kind):
-    """A Newtonian block that is upset and dragged, paired anew: friction is μ times the load."""
+    """A Newtonian block upset and dragged with contact updates: friction is μ times the load."""
     msh = box(WORLD, [4, 4], "triangle", [0.0, 0.0], [1.0, 1.0], "scattered")
     W = qs.materials.mini_space(msh)
     w, V = fem.Function(W), W.sub(0)

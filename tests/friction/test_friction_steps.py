@@ -1,4 +1,4 @@
-"""Friction in time steps: slip counts from the end of the last step, however the step is made."""
+"""Friction in time steps: slip counts from the end of the last step, however it is reached."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ MU, PRESS, DRAG = 0.3, 0.05, 0.2
 
 
 def history(case):
-    """What friction has done so far."""
+    """Return the friction history up to now."""
     contacts = case.contacts
     return np.array([*case.forces(), *(c.dissipated_energy() for c in contacts)])
 
 
 @pytest.mark.parametrize("friction", (qs.Coulomb(0.2), qs.Norton(0.3, 3.0, 0.5)))
 def test_failed_attempts_leave_no_trace(friction):
-    """After an attempt that fails late, the step is the same as without it."""
+    """A step after an attempt that failed late equals the step without this attempt."""
     found = []
     for fail in (True, False):
         attempts = []
@@ -45,7 +45,7 @@ def test_failed_attempts_leave_no_trace(friction):
 
 
 def test_step_that_cannot_be_made():
-    """Tangential multipliers are part of what is put back."""
+    """A failed step also restores the tangential multipliers."""
 
     def solve(step):
         case.problem.solve()
@@ -63,7 +63,7 @@ def test_step_that_cannot_be_made():
 
 
 def sliding(num_pairings, deformable, drag=DRAG, steps=3, constraints="nodes"):
-    """A block pressed by a plane, or by another block, that then drags over it."""
+    """Press a block by a plane, or by another block, that then slides over it."""
     low = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(low)
     u = [fem.Function(V)]
@@ -111,12 +111,12 @@ def sliding(num_pairings, deformable, drag=DRAG, steps=3, constraints="nodes"):
 @pytest.mark.parametrize("deformable", (False, True))
 @pytest.mark.parametrize("num_pairings", (1, 2, 3))
 def test_steady_sliding(num_pairings, deformable, constraints):
-    """Slip is what the master moves, and takes the energy that friction times slip is."""
+    """Slip is the motion of the master, and its energy is friction times slip."""
     rows = sliding(num_pairings, deformable, constraints=constraints)
     slip, ratio, energy, normal = rows[-1]
-    # An elastic surface tilts a little under friction.
+    # An elastic surface tilts slightly under friction.
     np.testing.assert_allclose(abs(ratio), MU, rtol=0.015 if deformable else 1e-6)
-    # Seen from the slave, which comes to rest, the master goes ahead.
+    # The slave comes to rest, and the master moves ahead relative to it.
     np.testing.assert_allclose(slip, -DRAG, rtol=0.02)
     np.testing.assert_allclose(energy, MU * normal * DRAG, rtol=0.02)
 
@@ -125,7 +125,7 @@ def test_steady_sliding(num_pairings, deformable, constraints):
 @pytest.mark.parametrize("law", (qs.Coulomb(MU), qs.Tresca(0.01), qs.Sticking()))
 @pytest.mark.parametrize("sampling", ({}, {"quadrature": "overlay", "constraints": "points"}))
 def test_tool_driven_by_a_force(sampling, law, enforcement):
-    """Friction takes its part in the balance of a tool that is pushed at an angle."""
+    """Friction enters the force balance of a tool that is pushed at an angle."""
     msh = box(WORLD, (9, 6), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -137,7 +137,7 @@ def test_tool_driven_by_a_force(sampling, law, enforcement):
     tool.drive(0.08, direction)
     problem.solve()
     first = contact.force("master") @ direction
-    # All slip as well, but what sticks up to three pressures.
+    # Everything slips, too, except sticking, up to a friction of three pressures.
     way = 0.1 if isinstance(law, qs.Sticking) else 0.5
     tool.displacement = tool.displacement + np.array([way, 0.0])
     problem.solve()
@@ -151,7 +151,7 @@ def test_tool_driven_by_a_force(sampling, law, enforcement):
 
 
 def dragged(unknown="displacement", friction=None):
-    """A block pressed and dragged by a plane."""
+    """Press a block by a plane and drag it."""
     friction = friction or qs.Coulomb(MU)
     msh = box(WORLD, (5, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
@@ -167,7 +167,7 @@ def dragged(unknown="displacement", friction=None):
 
 
 def test_velocities_start_each_step_anew():
-    """A body in velocities solved again as it is: the same friction, and as much slip again."""
+    """A velocity-based body solved again without change has the same friction and slip again."""
     problem, contact = dragged("velocity", qs.Norton(1.0, 0.1, 1.0))
     forces, energies = [contact.force("slave")], [contact.step_dissipation()]
     problem.solve()
@@ -179,7 +179,7 @@ def test_velocities_start_each_step_anew():
 
 
 def test_pairing_anew_is_no_slip():
-    """contact.update() with total displacements: nothing has moved."""
+    """contact.update() with total displacements gives no slip: nothing has moved."""
     problem, contact = dragged()
     before = contact.slip(), contact.force("slave"), contact.dissipated_energy()
     contact.update()

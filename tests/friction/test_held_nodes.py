@@ -1,4 +1,4 @@
-"""Friction at contact nodes with Dirichlet conditions, which the tangent leaves out."""
+"""Friction at contact nodes with Dirichlet conditions, which the tangent excludes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scenes import WORLD, Pair, clamp, drag_top, largest, plane, slide
 
 import qsdolfinx as qs
 
-#: Newton iterations after which a row whose slip has turned has its own tangent again.
+#: Newton iterations after which a constraint whose slip has reversed has its tangent again.
 SETTLED = 6
 FRICTION = {
     "coulomb": lambda: qs.Coulomb(0.3),
@@ -17,7 +17,7 @@ FRICTION = {
 
 
 def pressed(cell, law, quadrature, kind, unknown):
-    """Two blocks whose sides at x = 0 are held, the lower one's wholly, up to the contact's corner.
+    """Make two blocks held on their sides at x = 0, the lower one up to the contact's corner.
 
     They have been pressed together and dragged.
     """
@@ -30,14 +30,14 @@ def pressed(cell, law, quadrature, kind, unknown):
     pair.bcs[0].append(clamp(pair.V[0], plane(pair.meshes[0], 0, 0.0)))
     pair.bcs[1].append(slide(pair.V[1], pair.gdim - 1, plane(pair.meshes[1], 0, 0.0), -0.03))
     pair.bcs[1].append(slide(pair.V[1], 0, plane(pair.meshes[1], 0, 0.0), 0.01))
-    pair.bcs[1].reverse()  # the top's value counts where two meet
+    pair.bcs[1].reverse()  # where two conditions meet, the value of the top counts
     problem = pair.problem(kind=kind)
     problem.solve()
     return pair, problem
 
 
 def held(pair):
-    """Whether each of this rank's unknowns of all bodies has a condition."""
+    """Return whether each of this rank's unknowns of all bodies has a Dirichlet condition."""
     out = []
     for V, bcs in zip(pair.V, pair.bcs, strict=True):
         owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
@@ -50,7 +50,7 @@ def held(pair):
 
 
 def smooth(pair, seed):
-    """A vector of all bodies' owned unknowns, the same on any partition."""
+    """Return a vector of all bodies' owned unknowns; it is the same on any partition."""
     rng, out = np.random.default_rng(seed), []
     for V in pair.V:
         owned = V.dofmap.index_map.size_local
@@ -72,9 +72,10 @@ def smooth(pair, seed):
 @pytest.mark.parametrize("law", FRICTION)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_tangent(cell, law, quadrature, kind, unknown):
-    """The derivative of the residual in all directions, those of held unknowns included.
+    """The tangent is the derivative of the residual in all directions, held unknowns included.
 
-    There the residual is the way to the value that is prescribed, as if it were taken elsewhere.
+    For held unknowns the residual is the difference to the prescribed value, as if the condition
+    were imposed separately.
     """
     pair, problem = pressed(cell, law, quadrature, kind, unknown)
     contact, conditions = pair.contact, held(pair)
@@ -110,14 +111,14 @@ def test_tangent(cell, law, quadrature, kind, unknown):
     )
     wrong = (product.array_r - stiffness * d.array_r)[conditions]
     assert largest(wrong) < 1e-12 * stiffness.max()
-    # Held unknowns have no columns either: the others' rows do not see them.
+    # Held unknowns have no columns either: they do not enter the equations of the others.
     d.array[~conditions] = 0
     tangent.mult(d, product)
     assert largest(product.array_r[~conditions]) == 0
 
 
 def layout(pair):
-    """Of each body where its unknowns begin, on this rank and in the space's numbers."""
+    """Return where the unknowns of each body begin, on this rank and in the space's numbering."""
     sizes = [V.dofmap.index_map.size_local * V.dofmap.index_map_bs for V in pair.V]
     firsts = [V.dofmap.index_map.local_range[0] * V.dofmap.index_map_bs for V in pair.V]
     return np.cumsum([0, *sizes])[:-1], firsts

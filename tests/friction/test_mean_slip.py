@@ -1,4 +1,4 @@
-"""Slip of a node is a mean over what stands for it, be that all of its area or a part."""
+"""Slip of a node is a mean over its covered support, whether this is all of its area or a part."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:quadrature")  # the master is fi
 
 
 class Translated:
-    """A block that is moved as a whole, pressed upon one that ends within one of its cells."""
+    """Block that is moved as a whole on a block that ends within one of its cells."""
 
     def __init__(self, cell, friction, **options):
         self.gdim = gdim = 2 if cell == "quadrilateral" else 3
@@ -51,7 +51,7 @@ class Translated:
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_norton(cell, sampling):
-    """τ = α K v^q is that of the mean slip rate at every node in contact, at the rim as well."""
+    """At every active node τ = α K v^q of the mean slip rate, at the rim as well."""
     scene = Translated(cell, qs.Norton(0.3, 0.2, 0.4, v0=1e-9), **SAMPLINGS[sampling])
     scene.move(0.0)
     scene.move(0.06)
@@ -68,7 +68,7 @@ def test_norton(cell, sampling):
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
 def test_coulomb(cell, sampling):
-    """Slip is the way less what is elastic with the penalty; there and back it is nothing."""
+    """Slip is the path minus the penalty's elastic part; after a closed path it is zero."""
     scene = Translated(cell, qs.Coulomb(0.3), enforcement="penalty", **SAMPLINGS[sampling])
     slips, energies = [], []
     for shift in (0.0, 0.06, 0.02):
@@ -79,7 +79,7 @@ def test_coulomb(cell, sampling):
     pressure, tau = contact.multiplier(), contact.tangential_multiplier()
     force = contact.force("slave")
     np.testing.assert_allclose(tau[closed, 0], -0.3 * pressure[closed], rtol=1e-9)
-    elastic_part = 0.3 * H  # μ ε ḡ / ε, of what stands for a node
+    elastic_part = 0.3 * H  # μ ε ḡ / ε over the support of a node
     np.testing.assert_allclose(slips[1][closed, 0], 0.06 - elastic_part, rtol=1e-9)
     np.testing.assert_allclose(slips[2][closed, 0], 0.02 + elastic_part, rtol=1e-9)
     ways = np.array([0.06 - elastic_part, 0.04 - 2 * elastic_part])
@@ -87,14 +87,14 @@ def test_coulomb(cell, sampling):
 
 
 class Clock:
-    """Δt, and a way at the same speed whatever it is."""
+    """Δt, and a path at a speed that does not depend on Δt."""
 
     def __init__(self, scene, dt):
         self.scene, self.dt, self.way = scene, dt, 0.0
         scene.contact.set_dt(dt)
 
     def go(self, speed, steps=1):
-        """Steps at a speed; τ at the nodes in contact."""
+        """Take steps at a speed and return τ at the active nodes."""
         for _ in range(steps):
             self.way += speed * self.dt
             self.scene.move(self.way)
@@ -104,8 +104,8 @@ class Clock:
 
 @pytest.mark.parametrize("dt", (1.0, 1e-2, 3e-4, 1e-6))
 def test_norton_does_not_know_dt(dt):
-    """The default of v₀ is a part of how fast bodies slip, not of a facet in each Δt."""
-    law = qs.Norton(0.3, 0.1, 0.2)  # of some pressures: at points it would be at most three
+    """The default v₀ is a part of the slip rate of the bodies, not of a facet in each Δt."""
+    law = qs.Norton(0.3, 0.1, 0.2)  # friction of some pressures; at points at most three
     scene = Translated("quadrilateral", law, quadrature="overlay")
     clock = Clock(scene, dt)
     clock.go(0.0)
@@ -115,7 +115,7 @@ def test_norton_does_not_know_dt(dt):
 
 
 def test_norton_in_smaller_steps():
-    """A step in parts, as after a cut-back, has the friction of the whole one."""
+    """A step in parts, as after a cut-back, has the friction of the whole step."""
     found = []
     for parts in (1, 4):
         scene = Translated("quadrilateral", qs.Norton(0.3, 2.0, 0.2), quadrature="overlay")
@@ -130,7 +130,7 @@ def test_norton_in_smaller_steps():
 
 
 def test_norton_at_rest():
-    """A step without any motion asks for no other law."""
+    """A step without motion leaves the law's reference rate unchanged."""
     scene = Translated("quadrilateral", qs.Norton(0.3, 2.0, 0.2), quadrature="overlay")
     clock = Clock(scene, 1.0)
     clock.go(0.06)

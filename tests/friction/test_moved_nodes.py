@@ -1,4 +1,4 @@
-"""Friction at contact nodes that conditions hold along the surface: not where they only hold."""
+"""Friction at contact nodes with conditions along the surface that move them, not just hold."""
 
 import numpy as np
 import pytest
@@ -17,15 +17,15 @@ DOUBLE = {"formulation": "double-pass", "enforcement": "penalty"}
 
 
 class Pushed:
-    """A block pressed by N on what it stands on, moved along x by the conditions of its side x = 0.
+    """Block pressed by N on its support, moved along x by the conditions of its side x = 0.
 
     Args:
         gdim: 2 or 3.
-        master: "plane", or "block": one whose side x = 0 is held as well.
-        held: Sides of the block that move along x: at x = 0, or all of it that touches.
-        degree: Of the displacements.
-        unknown: Of the block.
-        options: Of the contact.
+        master: "plane", or "block": a block whose side x = 0 is held as well.
+        held: Sides of the block that move along x: at x = 0, or all of the contact surface.
+        degree: Degree of the displacements.
+        unknown: Unknown of the block.
+        options: Options of the contact.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Pushed:
         self.flows = unknown == "velocity"
 
     def move(self, way, of_master=0.0):
-        """Let conditions move the block, and what it stands on, by as much in the next step."""
+        """Let conditions move the block and its support by the given amounts in the next step."""
         self.way.value = way if self.flows else self.way.value + way
         if isinstance(self.master, qs.Surface):
             self.under.value[0] += of_master
@@ -81,7 +81,7 @@ class Pushed:
             self.master.displacement = before + of_master * np.eye(self.up + 1)[0]
 
     def friction(self):
-        """Force along x on the block over N."""
+        """Return the force along x on the block over N."""
         force = self.contact.force("slave")
         return force[0] / force[self.up]
 
@@ -104,24 +104,24 @@ SCENES = {
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_what_is_moved_slips_with_all_of_its_friction(scene):
-    """|T| = μ N, there and back, and while it rests."""
+    """|T| = μ N in both directions and at rest."""
     pushed = Pushed(**SCENES[scene])
     pushed.problem.solve()
     assert abs(pushed.friction()) < 1e-6
     for way, expected in ((0.02, -MU), (0.0, -MU), (-0.02, MU)):
         if way == 0.0 and pushed.flows:
-            continue  # what flows creeps on
+            continue  # flow continues at rest
         pushed.move(way)
         pushed.problem.solve()
         assert abs(pushed.friction() - expected) < 1.5e-3 * MU
-        if "all" in scene:  # it slips as a whole
+        if "all" in scene:  # the block slips as a whole
             taken = pushed.contact.step_dissipation()
             np.testing.assert_allclose(taken, MU * N * abs(way), rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_what_moves_together_does_not_rub(scene):
-    """A plane of symmetry in a moving frame: nothing slips, and nothing has to stick."""
+    """On a plane of symmetry in a moving frame nothing slips, and nothing has to stick."""
     pushed = Pushed(**SCENES[scene])
     for way in (0.0, 0.02, -0.03):
         pushed.move(way, way)
@@ -131,7 +131,7 @@ def test_what_moves_together_does_not_rub(scene):
 
 @pytest.mark.parametrize("scene", ("plane", "block", "plane, finite"))
 def test_in_time_steps(scene):
-    """What it stands on moves; pairing anew, and a restart of the counting, keep what has moved."""
+    """The support moves; contact updates and a restart of the count keep the motion so far."""
     pushed = Pushed(**SCENES[scene])
     way = 0.01
 
@@ -150,7 +150,7 @@ def test_in_time_steps(scene):
 
 
 def test_a_driven_tool_leaves_planes_of_symmetry_alone():
-    """It is free along its force: across it, what is held on both sides has no friction."""
+    """A force-controlled tool gives no friction at nodes held on both sides across its force."""
     found = []
     for half in (False, True):
         n, low = ((4, 4), 0.0) if half else ((8, 4), -1.0)
@@ -172,7 +172,7 @@ def test_a_driven_tool_leaves_planes_of_symmetry_alone():
 
 
 def test_stick_without_a_limit_is_told_of():
-    """No force can close what conditions prescribe."""
+    """Sticking without a limit warns, because no force can follow prescribed relative motion."""
     msh = box(WORLD, (4, 4), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u, x = fem.Function(V), plane(msh, 0, 0.0)

@@ -1,4 +1,4 @@
-"""Friction at nodes of surfaces that go around corners: faces beside the contact change nothing."""
+"""Friction on surfaces that continue around corners: the other faces change nothing."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 def dragged(sides, **options):
-    """Force on a block that is pressed on a wide plate and dragged along, T and N."""
+    """Return T and N of a block that is pressed on a wide plate and dragged along."""
     shapes = ([0.0, 0.0], [1.0, 0.5], (5, 3), 0.5), ([-1.0, -1.0], [2.0, 0.0], (14, 5), -1.0)
     us, forms, bcs, surfaces = [], [], [], []
     for i, (low, high, n, held) in enumerate(shapes):
@@ -37,13 +37,13 @@ def dragged(sides, **options):
 
 
 def clamp_dofs(V, y):
-    """Of one side."""
+    """Return the dofs of one side."""
     return fem.locate_dofs_topological(V, 1, plane(V.mesh, 1, y))
 
 
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
 def test_sides_do_not_tilt_pairs(formulation):
-    """T/N was 0.232 with sides, from the mean normal at corners."""
+    """Sides do not change T/N: it was 0.232 with sides, from the mean normal at corners."""
     options = {"formulation": formulation, "friction": qs.Coulomb(0.2)}
     T, N = dragged(True, **options)
     assert abs(abs(T) / N - 0.2) < 0.003

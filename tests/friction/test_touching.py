@@ -1,4 +1,4 @@
-"""Bodies that come to touch exactly, or but for rounding, at the end of a step, with friction."""
+"""Bodies that just touch, to rounding, at the end of a step, with friction."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ GAP = 0.004
 @pytest.mark.parametrize("rest", (0.0, 1e-16, 4e-16, -4e-16, -1e-13))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_nothing_is_left_to_solve(enforcement, rest):
-    """Rounding closes and opens the gap; nothing presses."""
+    """Rounding opens and closes the gap, without pressure, and solves still converge."""
     shapes = ([0.0, -1.0], [4.0, 0.0], (20, 5), -1.0), ([0.3, GAP], [1.3, 1 + GAP], (4, 4), 1 + GAP)
     surfaces, us, forms, bcs = [], [], [], []
     for i, (low, high, n, held) in enumerate(shapes):

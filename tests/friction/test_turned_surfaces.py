@@ -1,4 +1,4 @@
-"""Friction that goes on when a surface has turned: τ̂ is brought into its new tangent plane."""
+"""Friction continued on a rotated surface: τ̂ is rotated into the new tangent plane."""
 
 import numpy as np
 import pytest
@@ -13,16 +13,16 @@ PRESS, DRAG, MU = 0.05, 0.036, 0.3
 
 
 def rotation(gdim, angle):
-    """In the plane, in 3D about y."""
+    """Return a rotation in the plane, or in 3D about y."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]] if gdim == 2 else [[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 class Sheared:
-    """A block held at its bottom, pressed on its top and dragged along x; as a whole it can turn.
+    """Block held at its bottom, pressed on its top and dragged along x; the whole can be rotated.
 
     Args:
-        kind: Of the tool on its top, or "body" for another block.
+        kind: Kind of tool on its top, or "body" for another block.
     """
 
     def __init__(self, cell, kind, **options):
@@ -55,7 +55,7 @@ class Sheared:
         self.problem = qs.ContactProblem(F, self.u, [self.contact], bcs)
 
     def drag(self, drag):
-        """Solve with the tool or the upper block's top at a total displacement."""
+        """Solve at a total displacement of the tool or of the upper block's top."""
         motion = np.zeros(self.gdim)
         motion[0], motion[-1] = drag, -PRESS
         if self.tool is None:
@@ -65,7 +65,7 @@ class Sheared:
         self.problem.solve()
 
     def turn(self, angle):
-        """Turn meshes, displacements and the tool; then pair anew. Nothing has been strained."""
+        """Rotate meshes, displacements and tool; then update the contact pairs, without strain."""
         R = rotation(self.gdim, angle)
         for msh, u in zip(self.meshes, self.u, strict=True):
             msh.geometry.x[:, : self.gdim] = msh.geometry.x[:, : self.gdim] @ R.T
@@ -77,7 +77,7 @@ class Sheared:
         self.contact.update()
 
     def friction(self):
-        """τ and the pressure at the nodes, as seen from the block."""
+        """Return τ and the pressure at the nodes, in the frame of the block."""
         return self.contact.tangential_multiplier() @ self.R, self.contact.multiplier()
 
 
@@ -86,7 +86,7 @@ class Sheared:
 @pytest.mark.parametrize("kind", (*TOOLS, "body"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_friction_turns_along(cell, kind, constraints, enforcement, angle):
-    """A block that sticks in part is turned with its tool: it stays in equilibrium."""
+    """A partly sticking block that is rotated with its tool remains in equilibrium."""
     scene = Sheared(cell, kind, enforcement=enforcement, constraints=constraints)
     for drag in (0.0, DRAG):
         scene.drag(drag)
@@ -102,7 +102,7 @@ def test_friction_turns_along(cell, kind, constraints, enforcement, angle):
 
     same = 1e-7
     scene.turn(angle)
-    for _ in range(2):  # and nothing moves in the step after that
+    for _ in range(2):  # and nothing moves in the next step
         scene.drag(DRAG)
         turned = scene.friction()
         assert largest(turned[0] - tau) < same * largest(tau)

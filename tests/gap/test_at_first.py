@@ -1,4 +1,4 @@
-"""Gaps of surfaces as they are paired first: those that just touch, and those that are let be."""
+"""Gaps at the first contact detection: surfaces that just touch, and allowed overclosure."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import qsdolfinx as qs
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_touching(cell, quadrature, open_by, closed):
-    """Closed but for rounding counts as closed, or bodies that touch would fall through."""
+    """A gap of rounding size counts as closed; otherwise touching bodies would fall through."""
     pair = Pair(cell, gap=open_by, contact_options={"quadrature": quadrature})
     active = pair.contact.active()
     counts = WORLD.allreduce(np.array([np.count_nonzero(active), len(active)]))
@@ -19,7 +19,7 @@ def test_touching(cell, quadrature, open_by, closed):
 
 
 def sloped(initial_overclosure, radius=0.25):
-    """A slave's face from 0.4 above a tool to 0.4 below it: nodes at its ends are not paired."""
+    """Make a slave face from 0.4 above a tool to 0.4 below it: nodes at its ends are unpaired."""
     msh = box(WORLD, (10, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "backward")
     V, facets = vector_space(msh), plane(msh, 1, 0.0)
     x = msh.geometry.x
@@ -35,9 +35,9 @@ def sloped(initial_overclosure, radius=0.25):
     return contact, np.where(paired, -height, np.nan)
 
 
-@pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")  # surfaces are deep
+@pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")  # surfaces penetrate deeply
 def test_overclosure_belongs_to_nodes():
-    """What is ignored is the depth that each paired node has; openings stay as they are."""
+    """Ignored overclosure is the depth of each paired node; open gaps do not change."""
     contact, gap = sloped("ignore")
     np.testing.assert_allclose(contact.weighted_gap(), np.minimum(gap, 0), atol=1e-15)
     for part in (0.25, 0.0, 1.0):
@@ -50,13 +50,13 @@ def test_overclosure_belongs_to_nodes():
 
 @pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")
 def test_overclosure_goes_along():
-    """Paired anew, with other nodes in reach, each node keeps the depth that it had at first."""
+    """After a contact update with other nodes in reach, each node keeps its initial depth."""
     contact, before = sloped("ignore")
     contact.master.displacement = [0.0, 0.1]
     contact.master.advance()
     contact.update()
     height = contact.slave.node_x[:, 1] - 0.1
     paired = np.abs(height) <= contact.settings.search_radius
-    kept = np.where(before > 0, before, 0.0)  # none of nodes that were out of reach
+    kept = np.where(before > 0, before, 0.0)  # zero at nodes that were out of reach
     expected = np.where(paired, -height - kept, np.nan)
     np.testing.assert_allclose(contact.weighted_gap(), expected, atol=1e-15)

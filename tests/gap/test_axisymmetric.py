@@ -1,4 +1,4 @@
-"""Axisymmetric contact: facets stand for rings."""
+"""Axisymmetric contact: facets represent rings."""
 
 from functools import partial
 
@@ -20,7 +20,7 @@ DEPTH, EPS = 0.02, 1e3
 @pytest.mark.parametrize("slope", [0.0, 0.5])
 @pytest.mark.parametrize("inner", [0.0, 0.4])
 def test_areas(inner, slope):
-    """Of a cone's frustum, π (r₁ + r₂) times the slant height."""
+    """The areas of a conical frustum are π (r₁ + r₂) times the slant height."""
     msh = box(WORLD, (5, 2), "triangle", [inner, 0.0], [1.5, 1.0])
     facets = plane(msh, 1, 1.0)
     msh.geometry.x[:, 1] += slope * msh.geometry.x[:, 0] * msh.geometry.x[:, 1]
@@ -30,11 +30,11 @@ def test_areas(inner, slope):
 
 
 class Stack:
-    """Two rings or discs, one on the other; the upper one is the slave, with ν = 0 or ring-free.
+    """Two stacked rings or discs; the upper one is the slave, with ν = 0 or ring-free.
 
     Args:
         inner: Radius of the hole.
-        tool: Makes a rigid tool that takes the place of the lower body.
+        tool: Makes a rigid tool that replaces the lower body.
     """
 
     def __init__(self, cell="triangle", inner=0.0, tool=None, law=None, **options):
@@ -67,7 +67,7 @@ class Stack:
 @pytest.mark.parametrize("law", [qs.Tied, qs.Unilateral])
 @pytest.mark.parametrize("formulation", ["master-slave", "quasi-symmetric"])
 def test_patch(cell, inner, law, formulation):
-    """Uniform σ_zz, 1/ε in series, on meshes that do not match; nodal forces σ_zz S_k."""
+    """Uniform σ_zz with 1/ε in series on non-matching meshes; nodal forces are σ_zz S_k."""
     case = Stack(cell, inner, law=law(), formulation=formulation)
     case.problem.solve()
     stress = -DEPTH / (1 / E[0] + 1 / E[1] + 1 / EPS)
@@ -104,7 +104,7 @@ def facets():
 
 @pytest.mark.parametrize("quadrature", ["nodal", "overlay"])
 def test_rigid_planes(quadrature):
-    """Analytic and of facets."""
+    """Analytic rigid planes and planes of facets give the same result."""
     stress = -DEPTH / (1 / E[1] + 1 / EPS)
     for tool in (qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0]), facets()):
         case = Stack(tool=tool, quadrature=quadrature, formulation="master-slave")
@@ -114,7 +114,7 @@ def test_rigid_planes(quadrature):
 
 
 def test_bad_input():
-    """Rings in 3D, and on both sides of the axis."""
+    """Rings in 3D, and rings on both sides of the axis, are refused."""
     for cell, low in (("tetrahedron", [0.0] * 3), ("triangle", [-0.5, 0.0])):
         msh = box(WORLD, [3] * len(low), cell, low, [1.0] * len(low))
         V, facets = vector_space(msh), plane(msh, len(low) - 1, 0.0)

@@ -1,4 +1,4 @@
-"""Facets of meshes of degree 2, and facets of surfaces that are known by name."""
+"""Facets of meshes of degree 2, and facets of named surfaces."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ both_ways = pytest.mark.parametrize("swap", (False, True))
     ],
 )
 def test_gap_of_concentric_surfaces(n, cell, within, swap, kind):
-    """The misfit at every point; chords are wrong by more than half of it."""
+    """The gap is the misfit at every point; chord errors are more than half of it."""
     gap = ShrinkFit(n, swap, cell=cell, **KINDS[kind]).contact.pairing.gap
     assert largest(gap / 0.01 + 1) < within
 
@@ -53,7 +53,7 @@ def test_gap_of_concentric_surfaces(n, cell, within, swap, kind):
 @both_ways
 @pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
 def test_shrink_fit(n, swap, kind):
-    """Lamé's pressure within 1 %, where that of chords is off by a third."""
+    """Lamé's pressure is found within 1 %; with chords it is wrong by a third."""
     scene = ShrinkFit(n, swap, **KINDS[kind], **LAGRANGE)
     scene.problem().solve()
     for side in ("slave", "master"):
@@ -73,7 +73,7 @@ def test_shrink_fit_3d(cell, kind):
 
 @pytest.mark.parametrize(("cell", "n"), [("triangle", RINGS), ("quadrilateral", RINGS[::-1])])
 def test_shrink_fit_that_follows(cell, n):
-    """The same where facets are cut anew, on meshes that qs.elevate has made; chords fail."""
+    """The same holds with updated segmentation on meshes made by qs.elevate; chords fail."""
     found = []
     for degrees in ((1, 2), ("elevated", 2)):
         scene = ShrinkFit(n, cell=cell, degrees=degrees, sliding="finite")
@@ -87,7 +87,7 @@ def test_shrink_fit_that_follows(cell, n):
 @both_ways
 @pytest.mark.parametrize("n", (((31, 10), (52, 17)), ((52, 17), (31, 10))), ids=("fine", "coarse"))
 def test_loaded_rings(n, swap, kind):
-    """p + q cos 2θ within 1.2 % in L2, also where the slave is the finer side."""
+    """The pressure p + q cos 2θ is right within 1.2 % in L2, also with the finer side as slave."""
     scene = LoadedRings(n, swap, **KINDS[kind], **LAGRANGE)
     scene.problem().solve()
     assert max(scene.error(side) for side in ("slave", "master")) < 0.012
@@ -101,7 +101,7 @@ def test_loaded_rings(n, swap, kind):
 
 
 class OnCylinder:
-    """A ring of 9.995 to 15, a quarter of it, on a cylinder of 10.005."""
+    """A quarter of a ring from 9.995 to 15 on a cylinder of radius 10.005."""
 
     def __init__(self, n, smoothing="none", degrees=(1, 1), cell="quadrilateral", **options):
         dim = len(n)
@@ -114,7 +114,7 @@ class OnCylinder:
         self.contact = qs.Contact(ring.surface(ring.inner), tool, **options)
 
     def error(self):
-        """L2 error of the pressure over Lamé's. Collective."""
+        """Return the L2 error of the pressure over Lamé's pressure. Collective."""
         ring = self.ring
         qs.ContactProblem([ring.F], [ring.u], [self.contact], [ring.symmetry()]).solve()
         E, nu = 200e3 / (1 - 0.3**2), 0.3 / 0.7
@@ -129,7 +129,7 @@ class OnCylinder:
 @pytest.mark.parametrize("n", ((22, 7), (16, 5), (17, 4, 5)))
 @pytest.mark.parametrize("kind", ("shared", *KINDS))
 def test_ring_on_a_cylinder(n, kind):
-    """Off by 40 % and more without."""
+    """Lamé's pressure is found; without smoothing it is wrong by 40 % and more."""
     options = KINDS.get(kind, {"smoothing": "shared-curvature"})
     cell = "quadrilateral" if len(n) == 2 else "hexahedron"
     scene = OnCylinder(n, cell=cell, **options, **LAGRANGE)
@@ -140,7 +140,7 @@ def test_ring_on_a_cylinder(n, kind):
 
 
 def test_tools_of_another_curvature():
-    """On a plane nothing changes, nor where a flat side faces a small cylinder."""
+    """Smoothing changes nothing on a plane, or where a flat side faces a small cylinder."""
     pin = Shell((16, 5), (5.0, 10.0))
     pin.mesh.geometry.x[:, :2] *= -1
     plate = qs.RigidSurface.plane(WORLD, [0.0, -10.0], [0.0, 1.0])
@@ -160,7 +160,7 @@ def test_tools_of_another_curvature():
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_straight_mesh_of_degree_2(cell):
-    """Contact is what it is on the mesh of degree 1."""
+    """On a straight mesh of degree 2 contact is the same as on the mesh of degree 1."""
     found = []
     for raise_degree in (lambda msh: msh, elevated):
         n, high = ((3, 2), [1.0, 1.0]) if cell == "triangle" else ((3, 2, 2), [1.0] * 3)
@@ -178,7 +178,7 @@ def test_straight_mesh_of_degree_2(cell):
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("degree", (1, 2))
 def test_mesh_follows_displacements(cell, degree):
-    """All nodes: a quadratic field of P2, a linear one on straight cells of P1."""
+    """All mesh nodes move: a quadratic field of P2, a linear field on straight cells of P1."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     msh = elevated(box(WORLD, (2,) * gdim, cell, [0.0] * gdim, [1.0] * gdim))
     u = fem.Function(fem.functionspace(msh, ("Lagrange", degree, (gdim,))))
@@ -195,7 +195,7 @@ def test_mesh_follows_displacements(cell, degree):
 
 
 def test_quality_sees_nodes_inside_out():
-    """A node beside an edge that makes the Jacobian negative, with all vertices where they were."""
+    """A node beside an edge makes the Jacobian negative although all vertices stay in place."""
     msh = elevated(box(WORLD, (1, 1), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     motion = MeshMotion(fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,)))))
     x = msh.geometry.x.copy()
@@ -206,7 +206,7 @@ def test_quality_sees_nodes_inside_out():
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
 def test_rigid_fields(cell):
-    """On curved facets A x + b is a function of degree 2."""
+    """On curved facets A x + b is a field of degree 2."""
     n = (5, 2) if cell == "quadrilateral" else (4, 2, 2)
     shell = Shell(n, (5.0, 10.0), cell, degrees=(2, 2))
     surface, gdim = shell.surface(shell.outer), len(n)
@@ -223,7 +223,7 @@ def test_rigid_fields(cell):
 
 @pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P2", "named P1"))
 def test_paired_anew(kind):
-    """On the deformed meshes the gap is what the solve has left."""
+    """After a contact update on the deformed meshes the gap is the one left by the solve."""
     scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
     scene.problem().solve()
     for part in (scene.inner, scene.outer):
@@ -235,7 +235,7 @@ def test_paired_anew(kind):
 
 @pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))
 def test_true_gaps(kind):
-    """Solved surfaces touch: chords, or those of the pieces that P2 is cut into, are no depth."""
+    """After a solve surfaces touch: neither chords nor the flat parts of P2 facets add depth."""
     scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
     scene.problem().solve()
     assert scene.contact.penetration() < 0.02 * 0.01
@@ -245,7 +245,7 @@ def test_true_gaps(kind):
 
 
 def test_heights_of_moved_meshes():
-    """Bodies of twice the size have twice the gaps; their curved facets are read again."""
+    """Bodies of twice the size have twice the gaps; the curved facets are evaluated again."""
     scene = ShrinkFit(RINGS, degrees=(2, 2))
     gap = scene.contact.pairing.gap
     for part in (scene.inner, scene.outer):
@@ -256,7 +256,7 @@ def test_heights_of_moved_meshes():
 
 @pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P1"))
 def test_balance_and_tangent(kind):
-    """Forces of both sides cancel; the tangent is that of the residual, and symmetric."""
+    """Forces of both sides cancel; the tangent is symmetric and the derivative of the residual."""
     scene = ShrinkFit(((6, 2), (8, 3)), cell="triangle", **KINDS[kind])
     problem = scene.problem()
     problem.solve()
@@ -271,7 +271,7 @@ def test_balance_and_tangent(kind):
 
 
 def test_time_steps():
-    """A ring that is pressed in step by step, its mesh moving, ends where one solve does."""
+    """A ring pressed in step by step on a moving mesh reaches the result of one solve."""
     scene = ShrinkFit(((6, 2), (8, 3)), **KINDS["curved P2"], **LAGRANGE)
     problem = scene.problem()
 
@@ -286,7 +286,7 @@ def test_time_steps():
 
 
 def test_fields(tmp_path):
-    """A curved mesh is written with its nodes, and functions of degree 1 and 2 at them."""
+    """Files of a curved mesh have all its nodes, with functions of degree 1 and 2 there."""
     folder = WORLD.bcast(tmp_path)
     shell = Shell((4, 2), (5.0, 10.0), degrees=(2, 2))
     shell.u.interpolate(lambda x: np.stack([x[1] ** 2, x[0]]))
@@ -319,7 +319,7 @@ def test_refused():
         lambda: qs.Contact(curved.contact.slave, curved.contact.master, quadrature="nodal"),
     )
     tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, 9.99)
-    qs.Contact(curved.contact.master, tool, quadrature="nodal")  # nodes are where they are
+    qs.Contact(curved.contact.master, tool, quadrature="nodal")  # the nodes do not move
     raises_everywhere(
         WORLD,
         ValueError,
@@ -328,7 +328,7 @@ def test_refused():
     )
 
 
-# --- Surfaces by name
+# --- Named surfaces
 
 
 SQUARE = np.array([[0.3, 0.9, -0.2], [-0.8, 0.4, 0.5], [0.5, 0.1, 0.8]])
@@ -337,7 +337,7 @@ AT = np.array([3.0, -2.0, 5.0])
 
 
 def patch(shape, cell, n=(9, 8), uneven=0.2):
-    """The side of a block, mapped to a part of a surface; the block's other sides are beneath."""
+    """Make a block with one side mapped to a part of a surface, and the other sides below it."""
     msh = box(WORLD, (*n, 1), cell, [0.0] * 3, [1.0] * 3)
     V = vector_space(msh)
     facets = plane(msh, 2, 1.0)
@@ -386,7 +386,7 @@ SHAPES = {
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("name", SHAPES)
 def test_fit(name, cell):
-    """The shape that vertices are on is found again, wherever it is."""
+    """The fit recovers the surface through the vertices, wherever it is."""
     shape, kind, made = SHAPES[name]
     found, exact = kind.fit(patch(shape, cell)).shape, made().shape
     rng = np.random.default_rng(1)
@@ -411,7 +411,7 @@ def test_fit_in_2d():
 
 
 def test_fit_of_noisy_vertices():
-    """Vertices off by a part of the chord error; the least squares beat any one of them."""
+    """With noise of a part of the chord error, least squares are better than single vertices."""
     rings = ShrinkFit(((40, 3), (55, 3)))
     surface = rings.contact.slave
     chord = 10.005 * (1 - np.cos(np.pi / 160))
@@ -431,7 +431,7 @@ def test_fit_of_noisy_vertices():
 
 
 def test_one_side_named():
-    """The other side is as it is, or has a curvature that its facets tell."""
+    """The other side stays as it is, or gets its curvature from its facets."""
     named = qs.smooth.Cylinder([0.0, 0.0], None, 10.005)
     fit = ShrinkFit(RINGS, smoothing=(named, "shared-curvature"))
     assert largest(fit.contact.pairing.gap / 0.01 + 1) < 0.002
@@ -441,7 +441,7 @@ def test_one_side_named():
 
 
 def test_rigid_facets():
-    """A tool of segments stands for the cylinder that is named, where it is and where it goes."""
+    """A tool of segments represents the named cylinder, at its place and as it moves."""
     p = np.linspace(-0.1, np.pi / 2 + 0.1, 30)
     x = 10.005 * np.column_stack([np.cos(p), np.sin(p)])
     segments = np.column_stack([np.arange(29), np.arange(1, 30)])
@@ -452,7 +452,7 @@ def test_rigid_facets():
     contact = qs.Contact(slave, core, quadrature="overlay", smoothing=named)
     assert WORLD.allreduce(len(contact.pairing)) > 20
     assert largest(contact.pairing.gap / 0.01 + 1) < 0.002
-    core.rotation = [0.03]  # about the middle of its vertices: not where the cylinder's axis is
+    core.rotation = [0.03]  # about its vertices' mean, not the cylinder's axis
     core.displacement = (np.eye(2) - _turned(0.03)) @ -core.center
     core.advance()
     contact.update()

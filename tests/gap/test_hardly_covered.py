@@ -1,4 +1,4 @@
-"""Augmented multipliers of nodes beyond the master's rim, of whose area hardly any is covered."""
+"""Multipliers of nodes beyond the master's rim, with almost no mortar weight of their support."""
 
 from mpi4py import MPI
 
@@ -16,16 +16,16 @@ DEPTH = 0.01
 
 
 class Overhang:
-    """A block on a narrower one, which ends within the facets of the former beside its edge.
+    """Block on a narrower one, which ends within the block's facets next to its edge.
 
     Args:
-        part: Part of a facet's length that is covered.
-        cell: Of both meshes.
+        part: Covered part of a facet's length.
+        cell: Cell type of both meshes.
         n: Cells along an edge of the lower block, the master, and of the upper one.
-        stiff: Whether all of the upper block is moved, as a stamp.
-        E: Of the two.
-        partitions: Of the two.
-        options: Of the contact.
+        stiff: Whether all of the upper block is moved as a rigid stamp.
+        E: Young's moduli of the two blocks.
+        partitions: Partitions of the two meshes.
+        options: Options of the contact.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Overhang:
         self.problem = qs.ContactProblem(F, self.u, [self.contact], [held, [moved]])
 
     def multipliers(self):
-        """Normal ones of all nodes of the slave, on all ranks."""
+        """Return the normal multipliers of all slave nodes, on all ranks."""
         values = self.contact.multiplier()
         return gathered(WORLD, values if values.ndim == 1 else -values[:, -1])
 
@@ -70,7 +70,7 @@ class Overhang:
 @pytest.mark.parametrize("part", (0.01, 0.1))
 @pytest.mark.parametrize("cell, n", (("triangle", (3, 4)), ("tetrahedron", (2, 3))))
 def test_multipliers_are_pressures(cell, n, part, quadrature, law):
-    """Of nodes that are hardly covered, too; their own would be up to 10⁵ times as large."""
+    """Multipliers of hardly covered nodes are pressures; plain ones are up to 10⁵ times larger."""
     scene = Overhang(part, cell, n, law=law(), quadrature=quadrature, **AUGMENTED)
     scene.problem.solve()
     area = scene.width
@@ -83,7 +83,7 @@ def test_multipliers_are_pressures(cell, n, part, quadrature, law):
 @pytest.mark.parametrize("part", (0.01, 0.1, 0.3, 0.7))
 @pytest.mark.parametrize("cell, n", (("triangle", (3, 4)), ("hexahedron", (2, 3))))
 def test_patch(cell, n, part):
-    """Under a flat stamp that reaches beyond it a block has a uniform pressure."""
+    """Under an overhanging flat stamp a block has a uniform pressure."""
     scene = Overhang(part, cell, n, stiff=True, quadrature="overlay", **AUGMENTED)
     scene.problem.solve()
     traction = scene.master.node_values(scene.contact.traction("master"))
@@ -91,14 +91,14 @@ def test_patch(cell, n, part):
     assert largest(traction[:, :-1]) < 1e-7 * DEPTH
     multipliers = scene.multipliers()
     at = multipliers != 0
-    if part < 0.4:  # else there may be more of them than nodes of the block
+    if part < 0.4:  # otherwise there may be more multipliers than nodes of the block
         np.testing.assert_allclose(multipliers[at], DEPTH, rtol=5e-3)
     scene.problem.destroy()
 
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_which_nodes_have_none(quadrature):
-    """Those that are covered by less than the least part; with a penalty none."""
+    """Nodes covered by less than the least part have no multiplier; a penalty has no least part."""
     for part in (0.05, 0.4, 0.5, 0.9):
         for options in (AUGMENTED, {"enforcement": "penalty", "constraints": "nodes"}):
             scene = Overhang(part, quadrature=quadrature, **options)
@@ -120,7 +120,7 @@ def test_which_nodes_have_none(quadrature):
 
 
 def cover(slave, points):
-    """Part of each node's area that points cover; of any ranks."""
+    """Return the part of each node's area that points of any rank cover."""
     n = points.multiplier_values.shape[1]
     values = points.weight[:, None] * points.multiplier_values
     dofs, values = (
@@ -133,7 +133,7 @@ def cover(slave, points):
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_forces_are_nearer_to_those_of_fine_meshes(quadrature):
-    """A soft block pressed on a stiff, narrower one."""
+    """A soft block on a stiff, narrower one has forces closer to those of fine meshes."""
     part, E = 0.2, (10.0, 1.0)
     options = {"quadrature": quadrature, "E": E} | AUGMENTED
     forces = []
@@ -150,7 +150,7 @@ def test_forces_are_nearer_to_those_of_fine_meshes(quadrature):
 
 @pytest.mark.parametrize("partition", ("first", "last", "forward"))
 def test_any_partition(partition):
-    """The same forces and multipliers wherever the facets are."""
+    """Forces and multipliers do not depend on the partition of the facets."""
     found = []
     for partitions in (("backward", "backward"), (partition, "scattered")):
         scene = Overhang(0.1, "tetrahedron", (2, 3), partitions=partitions, **AUGMENTED)
@@ -163,7 +163,7 @@ def test_any_partition(partition):
 
 @pytest.mark.parallel
 def test_what_ranks_cover_of_a_node_adds_up():
-    """Two facets of a node, on one rank or two, that are covered by less than a tenth each."""
+    """Covered parts below a tenth in two facets of a node add up, on one rank or two."""
     found = []
     for comm in (MPI.COMM_SELF, WORLD):
         partition = "forward" if comm is WORLD else None

@@ -1,4 +1,4 @@
-"""Overclosure that is ignored while the bodies slide, and are pressed: as if there were none."""
+"""Ignored overclosure in sliding under pressure gives the result without overclosure."""
 
 import itertools
 
@@ -28,14 +28,14 @@ PAIRS = [
 
 
 class Slider:
-    """A block that is pressed on a floor and slides along it, over other nodes in each step.
+    """Block that is pressed on a floor and slides along it, over other nodes in each step.
 
     Args:
         floor: A rigid ``"plane"``, rigid ``"facets"``, or an elastic ``"block"``.
-        depth: How deep it is in the floor at first.
+        depth: Initial depth of the block in the floor.
         is_slave: Whether the block is the slave.
-        bumps: How uneven its bottom is.
-        options: For the contact.
+        bumps: Height of the bumps on its bottom.
+        options: Options of the contact.
     """
 
     def __init__(self, floor, depth, is_slave=True, bumps=0.0, **options):
@@ -75,7 +75,7 @@ class Slider:
         self.motion.value = 0.3 * (t - 1), -0.005 * (t + 1)
 
     def run(self, steps=3):
-        """Force on the block in each step."""
+        """Return the force on the block in each step."""
         forces = [abs(self.contact.force("slave")[1]) for _ in self.stepper.run(float(steps))]
         return np.array(forces)
 
@@ -93,7 +93,7 @@ def compare(floor, formulation, sampling, is_slave, depth, rtol):
 @pytest.mark.parametrize("sampling", SAMPLING)
 @pytest.mark.parametrize(("floor", "formulation"), PAIRS)
 def test_a_block_slides(floor, formulation, sampling):
-    """As without overclosure; on rigid floors as in the closed form, too."""
+    """The forces are those without overclosure; on rigid floors also those of the closed form."""
     known = compare(floor, formulation, sampling, True, 0.05, 1e-3)
     if floor != "block" and sampling != "nodal":
         exact = 0.005 * np.array([2, 3, 4]) / (1 / E + 1 / PENALTY)
@@ -103,19 +103,19 @@ def test_a_block_slides(floor, formulation, sampling):
 @pytest.mark.parametrize("sampling", SAMPLING)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_nodes_that_had_no_partner(formulation, sampling):
-    """The floor is the slave: the block slides to nodes of it that it was beside at first."""
+    """With the floor as slave, the block slides onto floor nodes that had no partner initially."""
     compare("block", formulation, sampling, False, 0.02, 2e-3)
 
 
 def test_given_up_gradually():
-    """The part that is resolved counts at nodes that had no partner as well."""
+    """The resolved part of the overclosure also counts at nodes that had no partner initially."""
     for part in (1.0, 0.5, 0.0):
         scene = Slider("block", 0.01, False, sliding="small", **SAMPLING["overlay"])
         scene.contact.allow_overclosure(0.0)
         scene.run(2)
         scene.contact.update()
         scene.contact.allow_overclosure(part)
-        rows = scene.contact.model.gaps[0]  # what is read is still that of the last solve
+        rows = scene.contact.model.gaps[0]  # results are still those of the last solve
         gap = rows.state.values
         scene.contact.allow_overclosure(0.0)
         change = rows.state.values - gap
@@ -124,7 +124,7 @@ def test_given_up_gradually():
 
 
 def test_uneven():
-    """Right where the floor is flat and the block has the depths; warned of where it is not so."""
+    """Uneven depths of the block are right on a flat floor; on an uneven slave floor they warn."""
     kinds = (SAMPLING["overlay"], SAMPLING["nodal"], SAMPLING["finite"])
     for options, bumps in itertools.product(kinds, (0.0, 0.004)):
         known = Slider("plane", 0.0, bumps=0.0, **options).run()
@@ -140,7 +140,7 @@ def test_uneven():
 
 
 def test_a_round_tool_slides():
-    """Its depths would have to go with it."""
+    """A round tool that slides gives a warning: its initial depths would have to move with it."""
 
     def slide(dx, **options):
         V = vector_space(box(WORLD, (12, 3), "triangle", [0.0, -0.5], [3.0, 0.0]))
@@ -162,7 +162,7 @@ def test_a_round_tool_slides():
 
 
 def test_the_other_face_of_a_die():
-    """What was not overclosed, as it was not in reach, is allowed nothing when it gets there."""
+    """Points out of reach initially, such as another face of a die, get no allowed overclosure."""
     V = vector_space(box(WORLD, (4, 4), "triangle", [0.0, -0.02], [1.0, 0.98]))
     both = np.concatenate([plane(V.mesh, 1, y) for y in (-0.02, 0.98)])
     surface = qs.Surface(V, facets=both)
@@ -184,7 +184,7 @@ def test_the_other_face_of_a_die():
 
 
 def slid(over, lower, is_slave, gdim=2, slide=0.3, steps=4):
-    """Ratio of friction to pressure, and pressure, of a block that slides with friction 0.2."""
+    """Return the ratio of friction to pressure, and the pressure, of a sliding block, μ = 0.2."""
     n, m, axis = 6 if gdim == 2 else 3, 14 if gdim == 2 else 7, gdim - 1
     low, high = [0.0] * axis + [-over], [1.0] * axis + [1 - over]
     cell = "quadrilateral" if gdim == 2 else "hexahedron"
@@ -223,7 +223,7 @@ def slid(over, lower, is_slave, gdim=2, slide=0.3, steps=4):
     ("lower", "is_slave"), [("facets", True), ("block", True), ("block", False)]
 )
 def test_friction_of_bodies_that_are_in_each_other(lower, is_slave):
-    """What is ignored adds no forces along the surface, and nodes that are slid to have it too."""
+    """Ignored overclosure adds no tangential force, also at nodes reached only by sliding."""
     none, some = (slid(over, lower, is_slave) for over in (0.0, 0.02))
     np.testing.assert_allclose(some[1:, 0], 0.2, rtol=0.01)
     np.testing.assert_allclose(some[:, 1], none[:, 1], rtol=3e-3)
@@ -232,7 +232,7 @@ def test_friction_of_bodies_that_are_in_each_other(lower, is_slave):
 @pytest.mark.one_rank
 @pytest.mark.parametrize("is_slave", (True, False))
 def test_friction_of_blocks_that_are_in_each_other(is_slave):
-    """The same in 3D, of quadrilaterals."""
+    """The same holds in 3D with quadrilaterals."""
     none, some = (slid(over, "block", is_slave, 3, 0.06, 2) for over in (0.0, 0.02))
     np.testing.assert_allclose(some[1:, 0], none[1:, 0], rtol=0.01)
     np.testing.assert_allclose(some[:, 1], none[:, 1], rtol=5e-3)
@@ -240,7 +240,7 @@ def test_friction_of_blocks_that_are_in_each_other(is_slave):
 
 @pytest.mark.parametrize("is_slave", (True, False))
 def test_uneven_depths_where_bodies_follow(is_slave):
-    """No point presses before anything has moved, to rounding; then it converges as others do."""
+    """With finite sliding and uneven depths no point has pressure initially; solves converge."""
     scene = Boxes("quadrilateral", ((9, 3), (6, 3)), ((2.0, 0.6), (1.0, 0.6)), 0.5, -0.02)
     x, low = scene.upper.mesh.geometry.x, scene.lows[1, 1]
     x[:, 1] += 0.004 * np.cos(9 * x[:, 0]) * (1 - (x[:, 1] - low) / 0.6)

@@ -1,4 +1,4 @@
-"""Penetration and gaps at the start: what initial_overclosure does, and what is out of reach."""
+"""Initial penetration and gaps: initial_overclosure, and bodies beyond the search distance."""
 
 import warnings
 
@@ -16,7 +16,7 @@ H = overclosure.H
 
 @pytest.fixture(autouse=True)
 def scattered(monkeypatch, request):
-    """Both sides of a pair are on all ranks, in small pieces; Pair spreads its own."""
+    """Both sides of a pair are on all ranks, in small parts; Pair distributes its own meshes."""
     if "tie" in request.node.name:
         yield
         return
@@ -31,27 +31,27 @@ def test_resolve_is_the_default():
         scene.push(0.0)
         solve(scene.problem())
         found.append(scene.contact.force("slave"))
-    # not to the bit: with three ranks what other ranks add comes in any order
+    # not bit for bit: with three ranks the order of sums over other ranks varies
     np.testing.assert_allclose(*found, rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "double-pass"))
 def test_error(formulation):
-    """Every rank refuses, and names the depth and the place."""
+    """Every rank refuses the overclosure and names its depth and place."""
     variant = Variant(formulation)
 
     def make():
         overclosure.overclosed(variant, 0.5, initial_overclosure="error")
 
     raises_everywhere(WORLD, ValueError, "penetrate each other by 0.1 (0.5 of the smallest", make)
-    overclosure.overclosed(variant, 1e-7, initial_overclosure="error")  # rounding
+    overclosure.overclosed(variant, 1e-7, initial_overclosure="error")  # rounding level
     overclosure.overclosed(variant, -0.5, initial_overclosure="error")
     assert Column(variant, gap=-0.03).contact.overclosure.depth == pytest.approx(0.03)
     assert Column(variant, gap=0.03).contact.overclosure.depth == 0
 
 
 def test_uneven_depths_stay_with_their_nodes():
-    """Where depths differ, each node has its own, and only beyond it there is pressure."""
+    """With uneven depths each node has its own allowed depth, and pressure only beyond it."""
     found = []
     for treatment in ("ignore", "resolve"):
         scene = Column(Variant(quadrature="nodal"), n=(5, 5))
@@ -97,7 +97,7 @@ def test_tie_keeps_its_gap():
 
 
 def test_rigid_tool():
-    """The same of a rigid plane that is too high."""
+    """The same holds for a rigid plane that is too high."""
     for treatment, expected in (("resolve", 0.02), ("ignore", 0.0)):
         scene = Column(Variant())
         tool = qs.RigidSurface.plane(WORLD, [0.0, 0.02], [0.0, 1.0])
@@ -116,7 +116,7 @@ def test_rigid_tool():
 
 
 def test_what_is_in_reach_or_not_approached():
-    """Nothing is warned of."""
+    """No warning if bodies are in reach or do not approach each other."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", qs.ReachWarning)
         assert overclosure.closed(Variant(), 3.0) < 1e-6
@@ -127,7 +127,7 @@ def test_what_is_in_reach_or_not_approached():
 
 
 def test_traction_after_ignoring():
-    """Loaded afterwards, the traction is that of the load."""
+    """After overclosure is ignored, the traction of a loaded body is the load."""
     scene = Column(Variant(), gap=-0.3 * H, initial_overclosure="ignore")
     scene.press(1e-2)
     solve(scene.problem())

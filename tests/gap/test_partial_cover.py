@@ -1,4 +1,4 @@
-"""Nodes at the rim of the overlay, of whose facets the master covers a part."""
+"""Nodes at the rim of the overlay, whose facets the master covers in part."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ from dolfinx import fem
 import qsdolfinx as qs
 from qsdolfinx.contact import terms
 
-#: Those whose facets are products of segments, so that integrals are those along x.
+#: Cells whose facets are products of segments, so that integrals are those along x.
 PRODUCTS = ("triangle", "quadrilateral", "hexahedron")
-#: Cells of the slave along x, and where the master ends: within a cell.
+#: Cells of the slave along x, and the end of the master: within a cell.
 N, END = 4, 0.7
 
 
 class Rim:
-    """A unit block, the slave, above a block that ends at x = END, its face at z = z(x) < 1."""
+    """Unit block, the slave, above a block that ends at x = END, its face at z = z(x) < 1."""
 
     def __init__(self, cell, z, law=None, **options):
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
@@ -37,7 +37,10 @@ class Rim:
         self.contact = qs.Contact(self.slave, self.master, law=law, **options)
 
     def integrals(self, f):
-        """∫ N f over what is covered of the surface, N of the vertices along x at x = 0, 1/N, …"""
+        """Return ∫ N f over the covered part.
+
+        N are the functions of the vertices along x, at x = 0, 1/N, …
+        """
         s, w = np.polynomial.legendre.leggauss(4)
         out = np.zeros(N + 1)
         for i in range(N):
@@ -50,15 +53,15 @@ class Rim:
 
     @property
     def column(self):
-        """Which of the vertices along x each node of this rank is at."""
+        """Return the index of the vertex along x for each node of this rank."""
         return np.rint(N * self.slave.node_x[:, 0]).astype(int)
 
 
 @pytest.mark.parametrize("height", (0.1, -0.1))
-@pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")  # of deep surfaces
+@pytest.mark.filterwarnings("ignore::qsdolfinx.ContactWarning")  # the surfaces penetrate deeply
 @pytest.mark.parametrize("cell", PRODUCTS)
 def test_mean_gap_of_what_is_covered(cell, height):
-    """(∫ N g) / (∫ N) over the covered part, of a gap g that varies; none where nothing faces."""
+    """The mean gap is (∫ N g) / (∫ N) over the covered part; none where nothing is opposite."""
 
     def gap(x):
         return height + 0.3 * (x - 0.2)
@@ -73,7 +76,7 @@ def test_mean_gap_of_what_is_covered(cell, height):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_penalty_of_augmented_multipliers(cell, formulation):
-    """λ is larger the less is covered, ε / cover times the gap: each node bears ε S_k ḡ_k."""
+    """λ is ε / cover times the gap, larger for a smaller cover: each node carries ε S_k ḡ_k."""
     h, eps = 0.01, 3.0
     found, gaps = {}, []
     for enforcement in ("penalty", "augmented-lagrangian"):
@@ -107,7 +110,7 @@ def test_penalty_of_augmented_multipliers(cell, formulation):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_jump_of_a_translation(cell, formulation):
-    """A tied slave that is moved as a whole: each node sees the whole motion, covered or not."""
+    """In a tied slave moved as a whole, each node has the whole displacement, covered or not."""
     options = {"formulation": formulation, "enforcement": "penalty", "penalty": 1.0}
     rim = Rim(cell, np.zeros_like, qs.Tied(), **options)
     motion = np.array([0.02, -0.01, 0.03])[: rim.gdim]

@@ -25,7 +25,7 @@ SHELLS = (12, 3, 4), (17, 4, 5)
     ],
 )
 def test_gap_of_concentric_surfaces(n, cell, uneven, within, swap):
-    """The misfit at every point, where the chords' gaps are wrong by more than half of it."""
+    """The gap is the misfit at every point; chord gaps are wrong by more than half of it."""
     chords = ShrinkFit(n, swap, cell=cell, uneven=uneven).contact.pairing.gap
     smooth = ShrinkFit(n, swap, cell=cell, uneven=uneven, **SMOOTH).contact.pairing.gap
     assert largest(chords / 0.01 + 1) > 0.5
@@ -35,7 +35,7 @@ def test_gap_of_concentric_surfaces(n, cell, uneven, within, swap):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
 @pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
 def test_shrink_fit(n, formulation):
-    """Lamé's pressure within 1 %, in each formulation; without smoothing it is off by a third."""
+    """Lamé's pressure within 1 % in each formulation; without smoothing it is wrong by a third."""
     exact = exact_pressure()
     penalty = 1e3 * exact / 0.01 if formulation == "double-pass" else "auto"
     enforcement = "penalty" if formulation == "double-pass" else "augmented-lagrangian"
@@ -55,7 +55,7 @@ def test_shrink_fit(n, formulation):
 
 @pytest.mark.parametrize(("n", "is_smooth"), ((RINGS, True), (((64, 4), (90, 4)), False)))
 def test_by_itself(n, is_smooth):
-    """As long as nobody says which surfaces are meant, they are smooth where chords matter."""
+    """With the default ``smoothing`` surfaces are smoothed where chord errors matter."""
     given = (ShrinkFit(n, smoothing=way).contact for way in ("auto", "shared-curvature", "none"))
     gaps = [contact.pairing.gap for contact in given]
     np.testing.assert_array_equal(gaps[0], gaps[1 if is_smooth else 2])
@@ -74,7 +74,7 @@ def test_shrink_fit_of_triangles():
 
 @pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
 def test_shrink_fit_3d(cell):
-    """Off by 70 % without."""
+    """Lamé's pressure is found in 3D; without smoothing it is wrong by 70 %."""
     scene = ShrinkFit(SHELLS, cell=cell, **SMOOTH)
     scene.problem().solve()
     for side in ("slave", "master"):
@@ -83,7 +83,7 @@ def test_shrink_fit_3d(cell):
 
 
 def test_paired_anew():
-    """On the deformed meshes the gap is what the solve has left."""
+    """After a contact update on the deformed meshes the gap is the one left by the solve."""
     scene = ShrinkFit(RINGS, enforcement="augmented-lagrangian", **SMOOTH)
     scene.problem().solve()
     for part in (scene.inner, scene.outer):
@@ -97,7 +97,7 @@ def test_paired_anew():
 
 
 def test_hertz_is_as_before():
-    """Equal cylinders share no curvature; a cylinder and a block share half."""
+    """Hertz contact does not change: equal cylinders share no curvature, a block shares half."""
     for case, change in (("cylinders", 0.05), ("block", 0.5)):
         _, slave, master, contact, _ = build(WORLD, Parameters(case=case, h=0.05, ratio=1.3))
         h = contact.settings.search_radius
@@ -122,7 +122,7 @@ def test_flat_and_tied_contact_are_as_before():
 
 
 def test_rigid_facets():
-    """A ring on a rigid core of segments: the misfit, too."""
+    """The gap of a ring on a rigid core of segments is the misfit, too."""
     p = np.linspace(-0.1, np.pi / 2 + 0.1, 30)
     x = 10.005 * np.column_stack([np.cos(p), np.sin(p)])
     segments = np.column_stack([np.arange(29), np.arange(1, 30)])

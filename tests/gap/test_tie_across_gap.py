@@ -1,4 +1,4 @@
-"""Ties across a gap: what is between turns with the master's facets."""
+"""Ties across a gap: the vector across the gap rotates with the facets of the master."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def tied(cell, **options):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 def test_moment(cell, quadrature):
-    """The moments of both sides are opposite: the force over the gap is balanced by couples."""
+    """The moments of both sides are opposite: couples balance the force across the gap."""
     pair = tied(cell, quadrature=quadrature)
     shift = np.zeros(pair.gdim)
     shift[0] = 0.05
@@ -32,7 +32,7 @@ def test_moment(cell, quadrature):
 @pytest.mark.parametrize("sliding", ("small", "finite"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_patch(cell, sliding):
-    """Bars in series across the gap: uniform tractions."""
+    """Tied bars in series across a gap have uniform tractions."""
     pair = tied(cell, quadrature="overlay", enforcement="augmented-lagrangian", sliding=sliding)
     pair.F[:] = [elastic(u, E=1.0 + i, nu=0.0) for i, u in enumerate(pair.u)]
     pair.problem(solver="direct").solve()
@@ -44,7 +44,7 @@ def test_patch(cell, sliding):
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_tangent(cell):
-    """It is symmetric, and what differences of the residual are."""
+    """The tangent is symmetric and agrees with differences of the residual."""
     pair = tied(cell, quadrature="overlay")
     problem = pair.problem()
     problem.solve()
@@ -56,7 +56,7 @@ def test_tangent(cell):
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_meshes_that_have_been_stretched(quadrature):
-    """If its mesh has put the slave by t, displacements by -t leave no jump, whatever its area."""
+    """A slave mesh moved by t and displaced by -t has no jump, whatever the change of its area."""
     pair = tied("triangle", quadrature=quadrature)
     t = np.array([0.0, 0.05])
     pair.bcs[1][:] = [clamp(pair.V[1], plane(pair.meshes[1], 1, 1.0 + GAP), -t)]

@@ -1,4 +1,4 @@
-"""Bodies in velocities: u = v Δt, (2), contact (3) at the end of the step."""
+"""Velocity-based bodies: u = v Δt, (2), contact (3) at the end of the step."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ KINDS = {
 
 
 def scene(unknown, law=qs.Unilateral, formulation="quasi-symmetric", **options):
-    """The elastic blocks with v = u/Δt as unknown of some bodies, the same solution in u."""
+    """Make the elastic blocks with v = u/Δt as unknown of some bodies; u is the same."""
     pair = Pair("triangle", formulation, law(), n=(9, 7), wave=0.03)
     given = {"unknown": unknown, "dt": DT, "smoothing": "none"} | options
     pair.contact = qs.Contact(
@@ -55,7 +55,7 @@ def test_same_displacements(kind, law, formulation, options):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_finite_differences(kind):
-    """The tangent with columns scaled; symmetric when both bodies are."""
+    """The tangent has scaled columns; it is symmetric if both bodies are velocity-based."""
     pair, _ = scene(KINDS[kind])
     problem = pair.problem()
     problem.solve()
@@ -66,7 +66,7 @@ def test_finite_differences(kind):
 
 
 def test_offset():
-    """A displacement that is known counts as if the unknown had it, also on meshes moved by it."""
+    """A known displacement counts like the unknown, also on meshes that are moved by it."""
     pair, _ = scene(KINDS["both"])
     known = [fem.Function(V) for V in pair.V]
     for function, size in zip(known, (0.02, 0.05), strict=True):
@@ -86,7 +86,7 @@ def test_offset():
 
 
 def test_penalty_follows_dt():
-    """The automatic ε, stress per length, is that of the displacement form."""
+    """The automatic ε, stress per length, is the one of the displacement-based form."""
     pair, _ = scene(KINDS["both"])
     velocity = qs.Contact(pair.slave, pair.master, unknown="velocity", dt=DT)
     pair.contact = velocity

@@ -1,4 +1,4 @@
-"""A solver with factors goes on after errors in the middle of solves."""
+"""A solver with factors remains usable after errors in the middle of solves."""
 
 import gc
 
@@ -13,7 +13,7 @@ from qsdolfinx.linear.factors_again import begin_afresh
 
 
 class Failing:
-    """A diagonal matrix whose products raise as long as they are to."""
+    """Diagonal matrix whose products raise an error on request."""
 
     fails = False
 
@@ -29,7 +29,10 @@ class Failing:
 
 @pytest.mark.one_rank
 def test_garbage_collection():
-    """That begins just as an exception is made does not meet it within PETSc, where it is lost."""
+    """Garbage collection that starts with an exception does not see it within PETSc.
+
+    The exception would be lost there.
+    """
     threshold = gc.get_threshold()[0]
     context = Failing()
     context.fails = True
@@ -60,7 +63,7 @@ def test_errors_in_solves():
     ksp.getPC().setType("lu")
     ksp.getPC().setFactorSolverType("mumps")
     for _ in range(4):
-        b, x = matrix.createVecs()  # those of a solve that failed stay locked
+        b, x = matrix.createVecs()  # the vectors of a failed solve stay locked
         b.set(1.0)
         context.fails = True
         with pytest.raises(PETSc.Error):

@@ -1,7 +1,8 @@
-"""What inexact solves on the way leave: nothing, beside exact ones by a direct solver.
+"""Inexact intermediate solves leave no errors, compared with exact solves by a direct solver.
 
-Linear solves are loose while the active set changes, and with friction so are solves between
-updates of the multipliers. Bodies are pressed and dragged to and fro, or let go and pressed again.
+Linear solves are inexact while the active set changes. With friction, solves between multiplier
+updates are inexact, too. Bodies are pressed and dragged back and forth, or released and pressed
+again.
 """
 
 import numpy as np
@@ -13,8 +14,8 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 
-SIZE = 0.04  # the largest displacement that is prescribed
-#: Shift and press of the top, in its units.
+SIZE = 0.04  # the largest prescribed displacement
+#: Shift and press of the top, in units of SIZE.
 DRAGGED = [(0.0, 0.5), (0.0, 1.0), (0.3, 1.0), (0.6, 1.0), (0.9, 1.0), (0.5, 1.0), (0.1, 1.0)]
 PRESSED = [(0.0, 0.1), (0.0, 1.0), (0.0, 0.4), (0.0, 1.0), (0.0, -0.5), (0.0, 0.01)]
 LAWS = {"Coulomb": qs.Coulomb(0.3), "hardly": qs.Coulomb(1e-6), "Tresca": qs.Tresca(0.005)}
@@ -26,7 +27,7 @@ def quadratic_space(msh):
 
 
 def neo_hookean(u, E):
-    """Virtual work, ν = 0.3."""
+    """Return the virtual work, ν = 0.3."""
     F = ufl.Identity(len(u)) + ufl.grad(u)
     J, mu, lame = ufl.det(F), E / 2.6, E * 0.3 / 0.52
     energy = mu / 2 * (ufl.inner(F, F) - len(u) - 2 * ufl.ln(J)) + lame / 2 * ufl.ln(J) ** 2
@@ -34,7 +35,7 @@ def neo_hookean(u, E):
 
 
 def history(cell, path, solver, degree=1, body=elastic, **contact_options):
-    """Forces and displacements along a path, with the solver; "exact" is a direct one."""
+    """Return forces and displacements along a path; the solver "exact" is a direct one."""
     exact = solver == "exact"
     contact_options["gap_tolerance"] = 1e-12 if exact else 1e-8
     space = vector_space if degree == 1 else quadratic_space
@@ -56,7 +57,7 @@ def history(cell, path, solver, degree=1, body=elastic, **contact_options):
 
 
 def check(found, wanted):
-    """Equal forces and displacements: parts of the largest force and of what is prescribed."""
+    """Assert equal forces and displacements, relative to the largest force and the given motion."""
     force = max(np.abs(step[0]).max() for step in wanted)
     for (f, *u), (g, *v) in zip(found, wanted, strict=True):
         assert np.abs(f - g).max() < 1e-6 * force

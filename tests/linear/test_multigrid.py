@@ -1,4 +1,4 @@
-"""The tangent as a sum, and multigrid's first coarse space: products, Galerkin, rigid modes."""
+"""The tangent as a sum, and the first coarse space of multigrid: Galerkin, rigid modes."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ SCENES = {
 
 
 def scene(cell, name, solver):
-    """Two blocks that have been solved for, with the tangent there."""
+    """Solve two blocks and evaluate the tangent there."""
     pair = Pair(cell, n=(6, 4), wave=0.02)
     options = {"enforcement": "penalty", "smoothing": "none", "sliding": "small"} | SCENES[name]
     pair.contact = qs.Contact(pair.slave, pair.master, penalty=30.0, **options)
@@ -39,7 +39,7 @@ def waves(vec, factor):
 
 
 def refresh(problem, x):
-    """Evaluate and assemble at x."""
+    """Evaluate the residual and assemble the tangent at x."""
     problem.system.tangent(x)
     problem.newton.linear.follow()
 
@@ -49,7 +49,7 @@ def refresh(problem, x):
 def test_sum(cell, name):
     """Products, also with the transpose, and the diagonal are those of the AIJ matrix."""
     direct, amg = scene(cell, name, "direct"), scene(cell, name, "amg")
-    x = 1.05 * direct.system.x.array_r  # where friction slips, rather than is at rest
+    x = 1.05 * direct.system.x.array_r  # where friction slips instead of being at rest
     refresh(direct, x)
     refresh(amg, x)
     assert amg.system.matrix.getType() == "python"
@@ -65,13 +65,13 @@ def test_sum(cell, name):
         results.append(found)
         problem.destroy()
     for expected, found in zip(*results, strict=True):
-        assert largest(found - expected) < 1e-6 * largest(expected)  # of two solutions
+        assert largest(found - expected) < 1e-6 * largest(expected)  # of two different solutions
 
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_galerkin(cell, name):
-    """The coarse matrix is PᵀAP, whatever has changed since P was made; PᵀP = 1."""
+    """The coarse matrix is PᵀAP, also after changes since P was made; PᵀP = 1."""
     problem = scene(cell, name, "amg")
     refresh(problem, 0.7 * problem.system.x.array_r)
     errors = galerkin_errors(problem)
@@ -96,7 +96,7 @@ def galerkin_errors(problem):
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_spaces(cell):
-    """A coarse function lives in one body; each body's rigid modes are coarse functions."""
+    """A coarse function belongs to one body; each body's rigid modes are coarse functions."""
     problem = scene(cell, "linear", "amg")
     P = problem.snes.getKSP().getPC().getMGInterpolation(1)
     c, fine, back = P.createVecRight(), P.createVecLeft(), P.createVecLeft()
@@ -118,7 +118,7 @@ def test_spaces(cell):
 
 @pytest.mark.parallel
 def test_shift_in_the_coarse_matrix():
-    """What holds a block between two frictionless planes does so on the coarse level."""
+    """The stabilisation of a block between frictionless planes acts on the coarse level, too."""
     msh = box(WORLD, (4, 4, 4), "hexahedron", [0.0] * 3, [1.0] * 3, "forward")
     u = fem.Function(vector_space(msh))
     tools = [qs.RigidSurface.plane(WORLD, [0, 0, z], [0, 0, s]) for z, s in ((0, 1), (1, -1))]
@@ -143,7 +143,7 @@ def test_shift_in_the_coarse_matrix():
 
 
 def test_material_of_one_rank():
-    """A material that changes on one rank alone changes the spaces on all of them."""
+    """A material that changes on one rank changes the coarse spaces on all ranks."""
     found = []
     for solver in ("direct", "amg"):
         pair = Pair("hexahedron", n=(4, 3), wave=0.02)
@@ -166,7 +166,7 @@ def test_material_of_one_rank():
 
 @pytest.mark.parametrize("solver", ("amg", "fieldsplit", "direct"))
 def test_no_more_symmetric(solver):
-    """A Constant of a linear body that makes it convect after the first solve."""
+    """A Constant adds convection to a linear body after the first solve: asymmetry is detected."""
     found = []
     for again in (False, True):
         pair = Pair("hexahedron", n=(6, 5), wave=0.02)
@@ -187,7 +187,7 @@ def test_no_more_symmetric(solver):
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_symmetric_at_rest_alone(cell):
-    """A tangent that is no more symmetric once something moves, as with convection."""
+    """A tangent that is symmetric only at rest, as with convection, is detected."""
     found = []
     for solver in ("direct", "amg"):
         pair = Pair(cell, n=(6, 4), wave=0.02)

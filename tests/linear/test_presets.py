@@ -1,4 +1,4 @@
-"""Linear solvers by name: the same solution as by factorisation, and what is picked."""
+"""Linear solvers by name give the solution of a factorisation; automatic choice of solver."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ import qsdolfinx as qs
 from qsdolfinx.linear import presets
 from qsdolfinx.solve import problem
 
-#: Options that name no solver.
+#: Options that do not name a solver.
 LOOKING = {"ksp_converged_reason": None, "ksp_monitor": "ascii:/dev/null", "ksp_rtol": 1e-9}
 
 
 def solution(cell, solver, friction=None, options=None, enforcement="augmented-lagrangian"):
-    """Unknowns of two blocks, and their problem."""
+    """Return the unknowns of two blocks, and their problem."""
     more = {"friction": friction, "enforcement": enforcement, "penalty": "auto"}
     pair = Pair(cell, n=(6, 4), wave=0.02, contact_options={})
     pair.contact = qs.Contact(pair.slave, pair.master, **more)
@@ -40,7 +40,7 @@ def test_same_solution(cell, solver, friction):
 
 
 def test_pick(monkeypatch, caplog):
-    """By size, said aloud when it is not the direct one; options have the last word."""
+    """The choice is by size, logged if it is not direct; given options take precedence."""
     monkeypatch.setattr(problem, "told", set())
     names = []
     for limit in (10**6, 10, 10):
@@ -66,7 +66,7 @@ def test_pick(monkeypatch, caplog):
 
 
 def test_options_on_top():
-    """A preset's options give way to those given with it."""
+    """Given options override the options of a preset."""
     _, problem = solution("triangle", "amg", options={"ksp_type": "fgmres", "ksp_rtol": 1e-9})
     ksp = problem.snes.getKSP()
     assert ksp.getType() == "fgmres" and np.isclose(ksp.getTolerances()[0], 1e-9)
@@ -74,7 +74,7 @@ def test_options_on_top():
 
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 def test_multigrid_over_the_size(law):
-    """Krylov iterations of a Newton step hardly grow, and bulk matrices are assembled once."""
+    """Krylov iterations per Newton step hardly grow; bulk matrices are assembled once."""
     most, assemblies = [], []
     for n in ((5, 4), (15, 12)):
         pair = Pair("hexahedron", n=n, contact_options={})
@@ -85,12 +85,12 @@ def test_multigrid_over_the_size(law):
         most.append(problem.num_linear_iterations / problem.num_iterations)
         assemblies += [body.num_assemblies for body in problem.bodies]
         problem.destroy()
-    assert 3 < most[0] and most[1] < min(2.2 * most[0], 60)  # cells are flat slabs
+    assert 3 < most[0] and most[1] < min(2.2 * most[0], 60)  # cells are flat
     assert set(assemblies) == {1}
 
 
 def test_inexact_steps():
-    """Fewer Krylov iterations than with exact ones, for the same solution."""
+    """Inexact steps need fewer Krylov iterations than exact steps, for the same solution."""
     counts, found = [], []
     for options in ({}, {"ksp_rtol": 1e-10}):
         pair = Pair("hexahedron", n=(8, 6), wave=0.02, contact_options={})

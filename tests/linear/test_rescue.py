@@ -1,4 +1,4 @@
-"""A direct solver takes over from an iterative one that fails."""
+"""Solver fallback: a direct solver replaces an iterative one that fails."""
 
 import logging
 
@@ -14,12 +14,12 @@ from dolfinx import fem
 import qsdolfinx as qs
 from qsdolfinx.linear import presets
 
-#: So few iterations that no iterative solver can do with them.
+#: Too few iterations for any iterative solver.
 HOPELESS = {"ksp_max_it": 2, "ksp_rtol": 1e-10}
 
 
 def solved(solver, **options):
-    """Force on the slave after two steps."""
+    """Return the force on the slave after two steps."""
     pair = Pair("hexahedron", n=(4, 3), wave=0.02, load=-0.05)
     problem = pair.problem(solver=solver, **options)
     forces = []
@@ -31,9 +31,9 @@ def solved(solver, **options):
 
 @pytest.mark.parametrize("solver", ("amg", "fieldsplit"))
 def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
-    """It stays until contact pairs anew, which gives the iterative one another chance.
+    """The direct solver stays until a contact update, which gives the iterative one a new chance.
 
-    After the second failure it stays for one pairing more.
+    After the second failure it stays for one more contact update.
     """
     caplog.set_level(logging.INFO, "qsdolfinx")
     _, _, expected = solved("direct")
@@ -44,7 +44,7 @@ def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
         assert said.count("DIVERGED_MAX_IT; a direct solver takes over") == 1
         assert "1 restart" in said
     assert problem.linear_solver == solver and problem.solver_in_use == "direct"
-    assert problem.num_restarts == 0  # of the second solve
+    assert problem.num_restarts == 0  # in the second solve
     for restarts in (1, 0, 1, 0, 0, 0, 1):
         caplog.clear()
         pair.contact.update()
@@ -60,7 +60,7 @@ def test_the_answer_is_that_of_a_direct_solver(solver, caplog):
 
 
 def test_failures_are_forgotten_after_a_success():
-    """An iterative solver that works again has all its chances again."""
+    """An iterative solver that works again gets all its chances back."""
     pair = Pair("hexahedron", n=(4, 3), wave=0.02, load=-0.05)
     problem = pair.problem(solver="amg", petsc_options={"ksp_max_it": 2})
     ksp, restarts = problem.snes.getKSP(), []
@@ -78,7 +78,7 @@ def test_failures_are_forgotten_after_a_success():
 
 
 def tied(name, stiffer, **options):
-    """A block tied to one with larger facets: their problem, solved, and displacements."""
+    """Tie a block to one with larger facets; return the solved problem and displacements."""
     options = {"enforcement": "augmented-lagrangian", "quadrature": "overlay"} | options
     penalty = options.pop("penalty", "auto")
     law = options.pop("law", qs.Tied())
@@ -92,7 +92,7 @@ def tied(name, stiffer, **options):
 
 
 def test_patience(monkeypatch, caplog):
-    """Of "auto": iterations that take longer than a direct solver are not waited for."""
+    """With "auto", iterations that take longer than a direct solver are stopped."""
     monkeypatch.setitem(presets.LARGE, 3, 10)
     caplog.set_level(logging.INFO, "qsdolfinx")
     found, iterations = [], []
@@ -108,12 +108,12 @@ def test_patience(monkeypatch, caplog):
         if name == "auto":
             assert problem.linear_solver == "amg" and problem.num_linear_iterations < 200
     assert largest(found[1] - found[0]) < 1e-6 * largest(found[0])
-    assert iterations[1] <= iterations[0] + 8  # from before what multigrid has made of it
+    assert iterations[1] <= iterations[0] + 8  # restarted from the state before multigrid
     assert "DIVERGED_MAX_IT; a direct" in caplog.text or WORLD.rank > 0
 
 
 def test_soft_penalties():
-    """Multipliers do not depend on the penalty, and hardly does what it takes to find them."""
+    """Multipliers do not depend on the penalty, and the iterations hardly do."""
     counts, expected = [], tied("direct", 1.0)[1]
     for penalty in (0.1, "auto"):
         problem, found = tied("amg", 1.0, penalty=penalty)
@@ -124,7 +124,7 @@ def test_soft_penalties():
 
 
 def test_points_have_their_own_penalty():
-    """It is part of their result: the same whatever the linear solver, and whatever is given."""
+    """The penalty at points is part of their result, whatever solver or penalty is given."""
     found = []
     for solver, penalty in (("direct", 0.3), ("amg", 0.3), ("direct", 1e6)):
         options = {"law": qs.Unilateral(), "penalty": penalty, "constraints": "points"}
@@ -138,7 +138,7 @@ def test_points_have_their_own_penalty():
 
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_stiff_penalties(enforcement):
-    """Multigrid sees no penalty stiffer than the usual one."""
+    """Multigrid uses no penalty stiffer than the usual one."""
     counts = []
     for penalty in (30.0, 1e5):
         options = {"penalty": penalty, "enforcement": enforcement}
@@ -150,7 +150,7 @@ def test_stiff_penalties(enforcement):
 
 
 def test_conjugate_gradients_after_gmres():
-    """They precondition from the left, also if a rescue from GMRES has given back their type."""
+    """Conjugate gradients are preconditioned from the left, also after a fallback from GMRES."""
     pair = Pair("hexahedron", n=(4, 3), wave=0.02, load=-0.05)
     problem = pair.problem(solver="amg")
     problem.solve()
@@ -163,7 +163,7 @@ def test_conjugate_gradients_after_gmres():
 
 
 def test_a_choice_of_the_user_stays():
-    """Who names the linear solver is told that it fails."""
+    """If a linear solver that the user named fails, an error reports it."""
     pair = Pair("hexahedron", n=(8, 6), wave=0.02, load=-0.05)
     options = {"ksp_type": "cg", "pc_type": "none", "ksp_max_it": 1}
     problem = pair.problem(petsc_options=options)
@@ -172,14 +172,14 @@ def test_a_choice_of_the_user_stays():
 
 
 def test_few_iterations_of_a_named_solver():
-    """They precondition those of the whole."""
+    """Few iterations of a named solver precondition the iterations on the whole system."""
     _, problem, forces = solved("amg", petsc_options=HOPELESS | {"ksp_type": "cg"})
     np.testing.assert_allclose(forces, solved("direct")[2], rtol=1e-7)
     assert problem.num_restarts == 0
 
 
 def test_rotation_of_a_quadratic_block():
-    """The tangent is indefinite on the way: conjugate gradients fail, the solve does not."""
+    """The tangent becomes indefinite: conjugate gradients fail, and the solve still succeeds."""
     msh = box(WORLD, [4, 4, 4], "tetrahedron", [0.0] * 3, [1.0] * 3)
     V = fem.functionspace(msh, ("Lagrange", 2, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)

@@ -1,4 +1,4 @@
-"""Newton's step for bodies, multipliers and tools: by GMRES as by factors of the whole."""
+"""Newton's step for bodies, multipliers and tools: GMRES agrees with factors of the whole."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from qsdolfinx.linear.saddle_factors import SaddleFactors
 
 AUGMENTED, PENALTY = "augmented-lagrangian", "penalty"
 
-#: Options of contacts; what follows the bodies, or is tied where conditions hold both sides.
+#: Options of contacts: with finite sliding, or tied with conditions on both sides.
 KINDS = {
     "frictionless": {"enforcement": AUGMENTED},
     "friction": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3)},
@@ -33,7 +33,7 @@ KINDS = {
 
 
 def scene(cell, kind, solver, **options):
-    """Blocks that are pressed and dragged, and their problem."""
+    """Press and drag blocks; return their problem."""
     pair = Pair(cell, n=(5, 4) if cell == "hexahedron" else (8, 6), wave=0.02)
     pair.contact = qs.Contact(pair.slave, pair.master, **KINDS[kind])
     drag_top(pair, 0.02)
@@ -43,7 +43,7 @@ def scene(cell, kind, solver, **options):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_as_by_factors(cell, kind):
-    """The same unknowns and forces, wherever rows close, stick or slip."""
+    """Unknowns and forces agree as constraints become active, stick or slip."""
     (pair, direct), (other, amg) = (scene(cell, kind, solver) for solver in ("direct", "amg"))
     for problem in (direct, amg):
         problem.solve()
@@ -57,7 +57,7 @@ def test_as_by_factors(cell, kind):
 @pytest.mark.parametrize("options", ({"ksp_type": "gmres", "pc_type": "jacobi"}, {}))
 @pytest.mark.parametrize("kind", ("frictionless", "friction", "tied"))
 def test_by_options(kind, options):
-    """What options name, or a MatNest, is for the bodies with contact condensed."""
+    """Solvers named by options, or a MatNest, apply to bodies with condensed contact."""
     pair, direct = scene("triangle", kind, "direct")
     given = {"petsc_options": options | {"ksp_rtol": 1e-9}} if options else {}
     other, problem = scene("triangle", kind, "auto" if options else "fieldsplit", **given)
@@ -71,7 +71,7 @@ def test_by_options(kind, options):
     "kind", ("friction", "edge", "tied", "finite", "double-pass", "points, friction", "soft points")
 )
 def test_product(kind):
-    """That of the inexact derivative, its rows scaled to forces."""
+    """The product is that of the inexact derivative, with constraints scaled to forces."""
     _, problem = scene("triangle", "soft" if kind == "edge" else kind, "amg")
     problem.solve()
     equations = problem.equations()
@@ -94,13 +94,13 @@ def test_product(kind):
 
 
 def step(factors, at, equations):
-    """Newton's step."""
+    """Return Newton's step."""
     factors.set_up(at, (0.0, 0.0))
     return factors.solve(-equations.residual_of(at))
 
 
 def test_factors_after_some_that_failed(monkeypatch):
-    """A singular matrix leaves a solver that goes on."""
+    """After a singular matrix the solver remains usable."""
     _, problem = scene("triangle", "friction", "direct")
     problem.set_up()
     equations = problem.equations()
@@ -125,7 +125,7 @@ def test_factors_after_some_that_failed(monkeypatch):
 
 
 def test_guesses():
-    """One that is worse than none does no harm."""
+    """An initial guess worse than none does no harm."""
     _, problem = scene("triangle", "friction", "amg")
     problem.solve()
     equations = problem.equations()
@@ -145,7 +145,7 @@ def test_guesses():
 
 
 def test_nonlinear_bodies():
-    """Few digits at first, and the coarse spaces chosen anew where they do not fit."""
+    """Nonlinear bodies start with low accuracy; coarse spaces are chosen again where needed."""
     found = []
     for solver in ("direct", "amg"):
         pair, _ = scene("hexahedron", "friction", solver)

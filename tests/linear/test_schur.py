@@ -1,4 +1,4 @@
-"""The linear solver "schur": the same flow as by factorisation, and what it is not for."""
+"""The linear solver "schur": the same flow as a factorisation, and unsupported uses."""
 
 from petsc4py import PETSc
 
@@ -17,12 +17,12 @@ from qsdolfinx.linear.condensed import Condensed
 
 DT = 0.05
 
-#: Difference of two solutions with friction, which end with slips of up to 1e-4 of the penalty's.
+#: Difference of two solutions with friction, whose final slips are up to 1e-4 of the penalty's.
 OF_FRICTION = 1e-6
 
 
 def flow_body(cell, n, low, m=1.0, axisymmetric=False, space=materials.mini_space):
-    """Form, unknown, contact surface and velocity space of a block in velocity and pressure."""
+    """Make form, unknown, contact surface and velocity space of a velocity-pressure block."""
     gdim = 2 if cell == "triangle" else 3
     corner = np.array([0.0] * (gdim - 1) + [low])
     partition = "forward" if low == 0 else "backward"
@@ -31,7 +31,7 @@ def flow_body(cell, n, low, m=1.0, axisymmetric=False, space=materials.mini_spac
     w, m = fem.Function(W), fem.Constant(msh, m)
     stress = materials.norton_hoff(ufl.split(w)[0], 2.0 + low, m, 1e-2, axisymmetric)
     V, up = W.sub(0), gdim - 1
-    # Symmetry on one side, and an end that slides nowhere.
+    # Symmetry on one side, and an end without sliding.
     bcs = [slide(V, axis, plane(msh, axis, 0.0)) for axis in range(up)]
     end = plane(msh, up, 0.0 if low == 0 else 2.0)
     bcs += [slide(V, axis, end) for axis in range(up)]
@@ -41,7 +41,7 @@ def flow_body(cell, n, low, m=1.0, axisymmetric=False, space=materials.mini_spac
 
 
 def elastic_body(cell, n):
-    """The same of an elastic block in displacements, from height 1 on."""
+    """Make the same for a displacement-based elastic block, from height 1 on."""
     gdim = 2 if cell == "triangle" else 3
     corner = np.array([0.0] * (gdim - 1) + [1.0])
     msh = box(WORLD, [n] * gdim, cell, corner, corner + 1, "backward")
@@ -54,7 +54,7 @@ def elastic_body(cell, n):
 
 
 def problem_of(bodies, solver, friction=None, tight=True, **options):
-    """Two bodies in contact, the lower one the slave."""
+    """Make a problem of two bodies in contact, with the lower one as slave."""
     unknown = tuple("displacement" if body[4] is None else "velocity" for body in bodies)
     contact = qs.Contact(
         bodies[0][3],
@@ -94,7 +94,7 @@ SCENES = {
 
 
 def compare(make, friction=None, m=None, **options):
-    """Largest relative difference from the direct solution, and the problem."""
+    """Return the largest relative difference from the direct solution, and the problem."""
     found = []
     for solver in ("direct", "schur"):
         bodies = make()
@@ -116,14 +116,14 @@ def test_same_solution(scene):
 
 @pytest.mark.parametrize("scene", ("two-flows", "elastic-tool"))
 def test_friction(scene):
-    """Tangents that are not symmetric."""
+    """The solver works for tangents that are not symmetric."""
     error, problem = compare(SCENES[scene], qs.Coulomb(0.2))
     assert not problem.symmetric
     check(error, problem, OF_FRICTION)
 
 
 def check(error, problem, most=1e-7):
-    """Assert that the solver is the one asked for, in contact, exact and in few iterations."""
+    """Assert that the requested solver was used, in contact, with few iterations and exact."""
     ksp = problem.snes.getKSP()
     kinds = ksp.getType(), ksp.getPC().getType()
     per_step = problem.num_linear_iterations / problem.num_iterations
@@ -134,16 +134,16 @@ def check(error, problem, most=1e-7):
 
 
 def test_small_rate_sensitivity():
-    """Viscosities that differ by orders of magnitude."""
+    """The solver works for viscosities that differ by orders of magnitude."""
     error, problem = compare(SCENES["elastic-tool"], m=0.15)
     assert error < 1e-7
     assert problem.num_linear_iterations < 100 * problem.num_iterations
 
 
 def test_straight_to_small_rate_sensitivities():
-    """Without continuation: viscosities from inexact velocities would make Newton's method diverge.
+    """Without continuation inexact velocities would make Newton's method diverge by viscosities.
 
-    The augmented Lagrangian's first solve with them has to be exact, too.
+    The first solve of the augmented Lagrangian with them has to be exact, too.
     """
     found = []
     for solver in ("direct", "schur"):
@@ -167,12 +167,12 @@ def test_interior_facets(monkeypatch):
     jumps = 1e-3 * ufl.inner(ufl.jump(ufl.grad(p)), ufl.jump(ufl.grad(q))) * ufl.dS
     bodies[0] = (bodies[0][0] - jumps, *bodies[0][1:])
     raises_everywhere(WORLD, ValueError, "interior facets", lambda: problem_of(bodies, "schur"))
-    if WORLD.size == 1:  # ghosts that dS asks for are not there
+    if WORLD.size == 1:  # ghosts required by dS are missing
         assert problem_of(bodies, "auto").linear_solver == "direct"
 
 
 def test_later_solves():
-    """After contact has paired anew, and with another load and viscosity, as from scratch."""
+    """After a contact update with another load and viscosity, the result is that of a new solve."""
     found = []
     for solver in ("direct", "schur"):
         bodies = SCENES["elastic-tool"]()
@@ -188,7 +188,7 @@ def test_later_solves():
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 def test_another_time_step(friction):
-    """Δt changes what velocities close, though contact does not pair anew."""
+    """Δt changes the gap change due to velocities, although the contact pairs stay."""
     found = []
     for solver in ("direct", "schur"):
         problem = problem_of(SCENES["elastic-tool"](), solver, friction)
@@ -203,7 +203,7 @@ def test_another_time_step(friction):
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 def test_after_a_rescue(friction):
-    """A direct solver takes over, and gives back to the Schur complement at the next pairing."""
+    """The direct solver takes over, and the Schur complement returns at the next contact update."""
     found = []
     for solver in ("direct", "schur"):
         problem = problem_of(SCENES["elastic-tool"](), solver, friction)
@@ -223,7 +223,7 @@ def test_after_a_rescue(friction):
 
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 def test_refinement(cell):
-    """Krylov iterations do not grow with the mesh."""
+    """Krylov iterations do not grow with refinement."""
     counts = []
     for n in (8, 16) if cell == "triangle" else (3, 6):
         problem = problem_of([flow_body(cell, n, 0.0), elastic_body(cell, n - 1)], "schur")
@@ -233,7 +233,7 @@ def test_refinement(cell):
 
 
 def test_bubbles_are_eliminated_exactly():
-    """Velocities found without bubbles, and bubbles from these, meet all equations."""
+    """Velocities found without bubbles, and bubbles from these, satisfy all equations."""
     problem = problem_of([flow_body("triangle", 4, 0.0), elastic_body("triangle", 3)], "direct")
     problem.solve()
     body = problem.bodies[0]
@@ -262,7 +262,7 @@ def test_bubbles_are_eliminated_exactly():
 
 @pytest.mark.parametrize("axisymmetric", (False, True))
 def test_weight(axisymmetric):
-    """The automatic mass matrix is -1/(2η) p q, with 2πr in rings; the units of p go in squared."""
+    """The automatic mass matrix is -1/(2η) p q, with 2πr in rings; units of p enter squared."""
     viscosity, unit = 2.0, 7.0
     (F, w, bcs, surface, _), other = (
         flow_body("triangle", 4, z, 1.0, axisymmetric) for z in (0.0, 1.0)
@@ -278,13 +278,13 @@ def test_weight(axisymmetric):
     one = mass.matrix.createVecs()[0]
     one.set(1.0)
     total = one.dot(mass.matrix * one)
-    weight = 2 * np.pi * 0.5 if axisymmetric else 1.0  # the mean radius
+    weight = 2 * np.pi * 0.5 if axisymmetric else 1.0  # at the mean radius
     expected = -(unit**2) / (2 * viscosity) * weight
     assert np.isclose(total, expected, rtol=0.05 if axisymmetric else 1e-12)
 
 
 def test_given_form():
-    """A form of the user's on the body's space, of either sign."""
+    """A form given by the user on the body's space may have either sign."""
     bodies = SCENES["elastic-tool"]()
     counts = []
     for sign in (1, -1):
@@ -304,7 +304,7 @@ def test_given_form():
 
 
 def test_auto(monkeypatch, caplog):
-    """By size, said aloud; a form of the user's decides nothing."""
+    """The choice is by size and is logged; a user's form has no influence on it."""
     names = [problem_of(SCENES["3D"](), "auto").linear_solver]
     monkeypatch.setitem(presets.LARGE_FLOW, 3, 10)
     names.append(problem_of(SCENES["3D"](), "auto").linear_solver)
@@ -314,7 +314,7 @@ def test_auto(monkeypatch, caplog):
 
 
 def test_bad_input():
-    """No pressure, other mixed spaces, the wrong matrix or form: refused by name."""
+    """No pressure, other mixed spaces and a wrong matrix or form are refused by name."""
     pair = Pair("triangle")
     bubbles = Pair("triangle", space=mini_space)
     for scene in (pair, bubbles):
@@ -339,7 +339,7 @@ def test_bad_input():
 
 
 def test_tiny_viscosities():
-    """What the limits page says: with more room for its pivots MUMPS solves for them, too."""
+    """With more room for pivots MUMPS solves tiny viscosities, too, as the limits page says."""
     forces, room = [], {"mat_mumps_icntl_14": 1000}
     for scale in (1.0, 1e-7):
         bodies = [flow_body("triangle", 6, 0.0), flow_body("triangle", 5, 1.0)]

@@ -1,4 +1,4 @@
-"""Motions that nothing resists: iterative solvers leave bodies where they are, as a direct one."""
+"""Motions without resistance: iterative solvers leave bodies in place, like a direct solver."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ LOADS = 1.0, 0.3, 2.0
 
 
 def uneven(msh, half):
-    """Move nodes sideways within the mesh: without it all forces cancel by symmetry."""
+    """Move nodes sideways within the mesh; otherwise all forces cancel by symmetry."""
     x = msh.geometry.x
     inside = np.prod(np.cos(0.5 * np.pi * x[:, :2] / half), axis=1)
     waves = np.sin(37 * x[:, 0] + 17 * x[:, 1] + 11 * x[:, 2])
@@ -23,7 +23,7 @@ def uneven(msh, half):
 
 
 def pressed(solver):
-    """An elastic block on another, without friction, under a dead load that changes."""
+    """Press an elastic block on another, without friction, under a changing dead load."""
     lower = box(WORLD, (8, 8, 5), "hexahedron", [-0.8, -0.8, -1.0], [0.8, 0.8, 0.0])
     upper = box(WORLD, (6, 6, 5), "tetrahedron", [-0.5, -0.5, 0.0], [0.5, 0.5, 1.0])
     uneven(lower, 0.8)
@@ -55,14 +55,14 @@ def pressed(solver):
 
 @pytest.mark.parametrize("solver", ["amg", "fieldsplit"])
 def test_blocks(solver):
-    """They went away by many times their size."""
+    """Blocks stay in place; formerly they moved away by many times their size."""
     (direct, there), (forces, here) = pressed("direct"), pressed(solver)
     assert largest(forces - direct) < 1e-7 * largest(direct)
     assert largest(there) < 1e-3 and largest(here) < 1e-3
 
 
 def squeezed(solver):
-    """Velocities and pressures of a viscous block between two planes, at speeds that change."""
+    """Return velocities and pressures of a viscous block between planes at changing speeds."""
     msh = box(WORLD, (6, 9), "triangle", [0.0, 0.0], [1.0, 1.5])
     W = qs.materials.mini_space(msh)
     w = fem.Function(W)
@@ -83,14 +83,14 @@ def squeezed(solver):
 
 
 def test_flow():
-    """The same velocities along the planes, though nothing determines their mean."""
+    """Velocities along the planes are the same, although nothing determines their mean."""
     for here, there in zip(squeezed("schur"), squeezed("direct"), strict=True):
         assert largest(here - there) < 1e-5 * largest(there)
 
 
 @pytest.mark.parametrize("held", [True, False])
 def test_only_where_they_are_free(monkeypatch, held):
-    """Products with the tangent are spent where there is such a motion alone."""
+    """Additional products with the tangent occur only where such a motion exists."""
     made, multiply = [], SoftMotions.product
     monkeypatch.setattr(
         SoftMotions, "product", lambda self, values: made.append(1) or multiply(self, values)

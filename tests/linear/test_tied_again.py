@@ -1,4 +1,4 @@
-"""Tied contact with multigrid, solved again for other loads: from the multipliers that it has."""
+"""Tied contact with multigrid, solved again for other loads from its present multipliers."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from dolfinx import fem
 
 import qsdolfinx as qs
 
-#: Of the linear solver, at most: some 30 on triangles; without a part of its preconditioner up to
-#: twice as many on hexahedra.
+#: Largest number of linear solver iterations: some 30 on triangles; up to twice as many on
+#: hexahedra without a part of its preconditioner.
 ITERATIONS = {"nodal": 40, "overlay": 60}
 LOADS = ((0.0, -0.1), (0.02, -0.1), (-0.05, 0.1))
 
@@ -17,7 +17,7 @@ LOADS = ((0.0, -0.1), (0.02, -0.1), (-0.05, 0.1))
 class Tied:
     """Two tied blocks; the top of the upper one is moved along x and up.
 
-    The lower one is clamped on its bottom and on a side, up to a corner of the contact.
+    The lower one is clamped on its bottom and on one side, up to a corner of the contact.
     """
 
     def __init__(self, cell, quadrature, solver):
@@ -38,7 +38,7 @@ class Tied:
         self.problem.solve()
 
     def results(self):
-        """Unknowns, multipliers and forces."""
+        """Return unknowns, multipliers and forces."""
         u = [u.x.array.copy() for u in self.pair.u]
         return [*u, self.contact.multiplier(), self.contact.force("slave")]
 
@@ -46,7 +46,7 @@ class Tied:
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_one_iteration_from_any_multipliers(cell, quadrature):
-    """Unknowns and multipliers are solved for together: one system, wherever they start from."""
+    """Unknowns and multipliers are one system: one iteration solves it from any multipliers."""
     scene = Tied(cell, quadrature, "amg")
     for i, load in enumerate(LOADS):
         scene.solve(load)
@@ -54,7 +54,7 @@ def test_one_iteration_from_any_multipliers(cell, quadrature):
         assert scene.problem.num_linear_iterations <= ITERATIONS[quadrature]
         found = scene.results()
         for solver in ("amg", "direct") if i else ():
-            other = Tied(cell, quadrature, solver)  # from no multipliers
+            other = Tied(cell, quadrature, solver)  # starts without multipliers
             other.solve(load)
             for a, b in zip(found, other.results(), strict=True):
                 assert largest(a - b) < 1e-5 * largest(b)
@@ -62,7 +62,7 @@ def test_one_iteration_from_any_multipliers(cell, quadrature):
 
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 def test_multipliers_kept_when_paired_anew(quadrature):
-    """contact.update() keeps them: the same forces again, from where they are."""
+    """contact.update() keeps the multipliers: a new solve starts there, with the same forces."""
     scene = Tied("triangle", quadrature, "amg")
     scene.solve(LOADS[1])
     before = scene.results()

@@ -1,4 +1,4 @@
-"""Which nodes have a pair with each of several walls, and which have one."""
+"""Nodes in a corner of several walls: one pair per wall, or one pair."""
 
 import itertools
 
@@ -15,7 +15,7 @@ RADIUS = 0.6
 
 
 def chain(*points, pieces=3):
-    """A rigid tool of line segments, to the left of them, each cut into pieces."""
+    """Make a rigid tool on the left of line segments, each divided into pieces."""
     points = np.array(points, dtype=np.float64)
     parts = [
         a + (b - a) * np.arange(pieces)[:, None] / pieces for a, b in itertools.pairwise(points)
@@ -27,7 +27,7 @@ def chain(*points, pieces=3):
 
 
 def square(low, angle, partition="scattered", faces=(0, 1)):
-    """Faces of a unit square whose lower left corner is at ``low``, turned about it."""
+    """Make faces of a unit square with its lower left corner at ``low``, rotated about it."""
     msh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0], partition)
     x = msh.geometry.x
     facets = [
@@ -39,7 +39,7 @@ def square(low, angle, partition="scattered", faces=(0, 1)):
 
 
 def pairs_at(contact, place):
-    """Gaps, normals and weights of the slave's points at a place, of all ranks, by normals."""
+    """Return gaps, normals and weights of slave points at a place, of all ranks, by normals."""
     (p,) = contact.model.pairings
     here = np.linalg.norm(p.slave.x[:, :2] - place, axis=1) < 1e-9
     rows = np.column_stack([p.gap, p.normal, p.weight])[here]
@@ -53,7 +53,7 @@ def num_corners(contact):
 
 @pytest.mark.parametrize("partition", PARTITIONS)
 def test_pairs_in_a_corner(partition):
-    """Random squares in a right corner, before its walls or in them: distances from both lines."""
+    """Random squares in a right-angled corner, open or overlapping: distances from both lines."""
     rng = np.random.default_rng(5)
     for _ in range(20):
         turn = rng.uniform(0, 2 * np.pi)
@@ -76,7 +76,7 @@ def test_pairs_in_a_corner(partition):
 
 @pytest.mark.parametrize("opening, expected", ((60, 2), (80, 2), (100, 2), (140, 2), (155, 1)))
 def test_openings(opening, expected):
-    """Corners as open as a square, wider or narrower; walls that turn by 30° or less are one."""
+    """Corners of any angle have one pair per wall; walls that meet at 30° or less are one wall."""
     half = np.deg2rad(opening) / 2
     low = [0.0, 0.02]
     ways = np.array([[np.sin(half), np.cos(half)], [-np.sin(half), np.cos(half)]])
@@ -99,7 +99,7 @@ def test_openings(opening, expected):
     "distance, expected", ((0.02, 2), (RADIUS - 0.01, 2), (RADIUS + 0.01, 1), (1.4, 1))
 )
 def test_walls_further_away_than_the_radius(distance, expected):
-    """They do not count, and the node stands for all of its area."""
+    """Walls beyond the search radius do not count, and the node stands for all of its area."""
     tool = chain([3.0, 0.0], [0.0, 0.0], [0.0, 3.0], pieces=9)
     low = [distance, 0.01]
     contact = qs.Contact(
@@ -112,7 +112,7 @@ def test_walls_further_away_than_the_radius(distance, expected):
 
 @pytest.mark.parametrize("faces", ((0,), (1,)))
 def test_walls_that_no_face_looks_at(faces):
-    """A face alone has one pair at its end, with the wall before it."""
+    """A single face has one pair at its end, with the wall that it faces."""
     tool = chain([3.0, 0.0], [0.0, 0.0], [0.0, 3.0])
     low = [0.01, 0.01]
     contact = qs.Contact(
@@ -129,7 +129,7 @@ def test_walls_that_no_face_looks_at(faces):
 
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
 def test_convex_corners_have_one_pair(formulation):
-    """Squares whose corners meet, before or in each other; the same points as without the rule."""
+    """Corners of squares that meet, open or overlapping, have one pair, as without the rule."""
     rng = np.random.default_rng(6)
     for _ in range(30):
         place, angle = rng.uniform(-0.15, 0.15, 2), rng.uniform(-0.7, 0.7)
@@ -146,7 +146,7 @@ def test_convex_corners_have_one_pair(formulation):
 
 
 def test_edge_of_a_step():
-    """A corner above a step, or in it from above: paired with its top or with its front alone."""
+    """A corner above or slightly in a step is paired with the top or the front of the step only."""
     tool = chain([2.0, 0.0], [0.0, 0.0], [0.0, -2.0], [-2.0, -2.0])
     for low in ([0.1, 0.05], [-0.1, 0.05], [0.05, -0.03], [0.03, -0.05]):
         for angle in (-0.3, 0.0, 0.3):
@@ -164,7 +164,7 @@ def test_edge_of_a_step():
 @pytest.mark.parametrize("walls", (1, 2, 3))
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_as_many_pairs_as_walls(walls, formulation):
-    """A cube before the sides of others that make one, two or three walls."""
+    """A cube in front of one, two or three walls of other cubes has as many pairs at its corner."""
     steps = np.eye(3)[:walls]
     others = [(-step, 1 - step) for step in steps]
     slave = qs.Surface(

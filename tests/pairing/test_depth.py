@@ -1,4 +1,4 @@
-"""Points that are deeper in the other body than the search radius are not paired."""
+"""Points that penetrate deeper than the search radius are not paired."""
 
 from mpi4py import MPI
 
@@ -13,7 +13,7 @@ MASTERS = ("body", "facets", "analytic")
 
 
 def block(cell, low, partition, slope=0.0):
-    """Facets of a unit block's lower face, at low + slope (x - 0.5), or its upper if low is -1."""
+    """Make the lower face of a unit block at low + slope (x - 0.5), or the upper if low is -1."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     axis = gdim - 1
     corner = np.append(np.zeros(axis), low)
@@ -25,7 +25,7 @@ def block(cell, low, partition, slope=0.0):
 
 
 def contact_of(cell, kind, quadrature, formulation="quasi-symmetric"):
-    """A slave with an inclined face that is from 0.4 above the master to 0.4 below."""
+    """Make the contact of a slave with an inclined face from 0.4 above the master to 0.4 below."""
     slave = block(cell, 0.0, "forward", SLOPE)
     gdim = slave.gdim
     if kind == "body":
@@ -48,7 +48,7 @@ def contact_of(cell, kind, quadrature, formulation="quasi-symmetric"):
 @pytest.mark.parametrize("kind", MASTERS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_as_deep_as_high(cell, kind, quadrature):
-    """Paired is what is within the radius, outside and inside of the other body."""
+    """Points within the search radius are paired, outside and inside of the other body."""
     contact = contact_of(cell, kind, quadrature)
     gap = contact.pairing.gap
     lowest = WORLD.allreduce(gap.min(initial=0.0), op=MPI.MIN)
@@ -60,7 +60,7 @@ def test_as_deep_as_high(cell, kind, quadrature):
 @pytest.mark.parametrize("kind", MASTERS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_nodes(cell, kind):
-    """Of the slave's nodes those whose distance from the master is within the radius."""
+    """Slave nodes are paired if their distance from the master is within the search radius."""
     contact = contact_of(cell, kind, "nodal", "master-slave")
     surface = contact.slave
     height = surface.node_x[:, surface.gdim - 1]

@@ -1,4 +1,4 @@
-"""Facets behind others do not count: plates, boxes and scenes of sheets, beside brute force."""
+"""Facets hidden behind others do not count: plates, boxes and sheets, against brute force."""
 
 from mpi4py import MPI
 
@@ -33,7 +33,7 @@ def exterior(msh):
 
 
 def plates(gdim, depths, size=1.0):
-    """Surface of the upper faces of thin plates at these depths, and all their facets."""
+    """Make thin plates at these depths; return the surface of upper faces, and all facets."""
     axis, thin = gdim - 1, 1e-3
     boxes = [([0.0] * axis + [-t - thin], [size] * axis + [-t]) for t in depths]
     msh = blocks(*boxes)
@@ -46,7 +46,7 @@ def plates(gdim, depths, size=1.0):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_second_sheet_changes_nothing(gdim, formulation, quadrature):
-    """A block pressed on plates with others under them: as deep as without these."""
+    """A block pressed on plates has the same depth if there are other plates below them."""
     axis, deepest = gdim - 1, []
     for depths in ((0.0,), (0.0, 0.005), (0.0, 0.02), (0.0, 0.1, 0.15)):
         cell = "quadrilateral" if gdim == 2 else "hexahedron"
@@ -74,7 +74,7 @@ def test_second_sheet_changes_nothing(gdim, formulation, quadrature):
 
 
 def hollow(low, high, wall):
-    """Triangles of a box with a cavity: walls looking out, and others looking into the cavity."""
+    """Make triangles of a box with a cavity: outer walls and walls that face into the cavity."""
     x, triangles = [], []
     for sign, grow in ((1, 0.0), (-1, -wall)):
         first = len(x)
@@ -89,7 +89,7 @@ def hollow(low, high, wall):
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_hollow_tool(formulation, quadrature):
-    """A box with a cavity, named by all its facets, presses as a solid one."""
+    """A box with a cavity, named by all its facets, has the same contact as a solid box."""
     forces = []
     for wall in (None, 0.2, 0.05):
         x, triangles = hollow([-0.5, -0.5, 0.0], [1.5, 1.5, 1.0], wall or 0.2)
@@ -110,7 +110,7 @@ def test_hollow_tool(formulation, quadrature):
 
 
 def pick(heights, looks_up, on_master, i):
-    """What sheet i looks at: first of the other surface either way, if opposed; the nearer."""
+    """Return the nearest of the first sheets on both sides of sheet i that is opposed to it."""
     found = []
     for way in (1, -1):
         ahead = [
@@ -125,7 +125,7 @@ def pick(heights, looks_up, on_master, i):
 
 
 def sheets(gdim, heights, looks_up):
-    """Surface of unit sheets at these heights, faces of thin blocks above or below them."""
+    """Make unit sheets at these heights: faces of thin blocks above or below them."""
     axis, thick = gdim - 1, 1e-4
     ends = np.sort(np.column_stack([heights, heights - np.where(looks_up, thick, -thick)]))
     msh = blocks(*([[0.0] * axis + [a], [1.0] * axis + [b]] for a, b in ends))
@@ -136,7 +136,7 @@ def sheets(gdim, heights, looks_up):
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_stacks_of_sheets(gdim, quadrature):
-    """Sheets that look up and down at random: pairs are those that look at each other."""
+    """Of sheets with random orientation, exactly those that face each other are paired."""
     axis, radius, count = gdim - 1, 0.45, 0
     for seed in range(20):
         rng = np.random.default_rng([seed, gdim])
@@ -156,13 +156,13 @@ def test_stacks_of_sheets(gdim, quadrature):
         rows = np.column_stack([p.slave.x[:, axis], p.master.x[:, axis], p.weight])
         rows = gathered(WORLD, rows)
         assert {tuple(pair) for pair in np.round(rows[:, :2], 9)} == expected, seed
-        assert np.isclose(rows[:, 2].sum(), len(expected)), seed  # halves of both sheets' areas
+        assert np.isclose(rows[:, 2].sum(), len(expected)), seed  # half of the areas of both sheets
     assert count > 15
 
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_beside_a_near_plate_and_before_a_far_one(gdim):
-    """Nodes beside a plate, which is nearer, are paired with what is in front of them."""
+    """Nodes beside a plate, although it is nearer, are paired with the face opposite them."""
     axis, middle = gdim - 1, [1.0] * (gdim - 2)
     below = blocks(
         ([0.0] * axis + [-0.03], [0.55, *middle, -0.02]),
@@ -186,7 +186,7 @@ def test_beside_a_near_plate_and_before_a_far_one(gdim):
 
 
 def turn(rng):
-    """A map of points to a random scale, micrometres to kilometres, and turned at random."""
+    """Make a map of points to a random scale, micrometres to kilometres, and orientation."""
     q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     q[:, 0] *= np.linalg.det(q)
     scale = 10 ** rng.uniform(-6, 3)
@@ -194,7 +194,7 @@ def turn(rng):
 
 
 def shells(place, behind):
-    """A tool of two triangles a side, with a smaller one in it that looks the same way."""
+    """Make a tool of two triangles per side, with a smaller one of equal orientation inside."""
     x, triangles = hollow([-0.5, -0.5, 0.01], [1.5, 1.5, 0.6], 0.2)
     triangles = np.array(triangles)
     triangles[12:] = triangles[12:, ::-1]  # a body within the body
@@ -202,7 +202,7 @@ def shells(place, behind):
 
 
 def layers(place, behind, cell, n):
-    """The lower faces of a plate, or of two that are one above the other."""
+    """Make the lower faces of a plate, or of two plates above each other."""
     msh = box(WORLD, [n, n, 3], cell, [-0.2, -0.2, 0.01], [1.2, 1.2, 0.31])
     ends = [
         mesh.locate_entities(msh, 3, lambda x: x[2] < 0.11 + 1e-9),
@@ -215,10 +215,10 @@ def layers(place, behind, cell, n):
 
 
 def covered(seed, behind):
-    """Covered part of a square before a plate, and gaps there, of a random scene.
+    """Return the covered part of a square before a plate, and the gaps, of a random scene.
 
-    Behind the front of two triangles, or of a grid, there may be another one that looks the same
-    way. Many of the points are on the edges of the front but for rounding.
+    Behind the front of two triangles, or of a grid, there may be a second front with the same
+    orientation. Many of the points are on the edges of the front, except for rounding.
     """
     rng = np.random.default_rng(seed)
     scale, place = turn(rng)
@@ -236,7 +236,7 @@ def covered(seed, behind):
 
 @pytest.mark.one_rank
 def test_nothing_is_seen_through_edges():
-    """At any scale and turn a square is covered once, by the front alone."""
+    """A square of any scale and orientation is covered exactly once, by the front face only."""
     for seed in range(60):
         for behind in (False, True):
             share, gap = covered(seed, behind)
@@ -246,7 +246,7 @@ def test_nothing_is_seen_through_edges():
 
 @pytest.mark.one_rank
 def test_force_of_the_front_alone():
-    """What is within a tool, behind its front, adds nothing to its force, at any scale."""
+    """Facets behind the front of a tool add nothing to its force, at any scale."""
     for seed in (1, 30, 41, 55):
         forces = []
         for behind in (False, True):

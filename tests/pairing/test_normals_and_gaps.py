@@ -1,6 +1,6 @@
-"""Normals are outward of the slave and gaps positive when open, on whichever side a point is found.
+"""Normals are outward of the slave and gaps positive when open, on both integration sides.
 
-A flat slave above a master whose face is inclined: normals of the two differ.
+A flat slave above a master whose face is inclined: the normals of the two differ.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ SLOPE = 0.2
 
 
 def contact_of(cell, height, **options):
-    """A slave at a mean height above a master with z = SLOPE (x - 0.5) on its face."""
+    """Make the contact of a slave at a mean height above a master with z = SLOPE (x - 0.5)."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     axis, surfaces = gdim - 1, []
     for count, low, partition in ((3, 0.0, "forward"), (4, -1.0, "backward")):
@@ -31,7 +31,7 @@ def contact_of(cell, height, **options):
 
 
 def outward(gdim):
-    """Of the slave, and of the master's body reversed: both outward of the slave."""
+    """Return the slave normal and the reversed master normal: both are outward of the slave."""
     of_slave, of_master = np.zeros(3), np.zeros(3)
     of_slave[gdim - 1] = -1.0
     of_master[0], of_master[gdim - 1] = SLOPE, -1.0
@@ -42,7 +42,7 @@ def outward(gdim):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_along_the_normals_of_facets(cell, quadrature, height):
-    """A node's normal is that of the facet it finds; that of a piece, of the facet that is cut."""
+    """The normal is that of the facet found for a node, or of the facet that is segmented."""
     contact = contact_of(cell, height, quadrature=quadrature, normals="facet")
     points, gdim = contact.pairing, contact.slave.gdim
     of_slave, of_master = outward(gdim)
@@ -50,11 +50,11 @@ def test_along_the_normals_of_facets(cell, quadrature, height):
     on_master = np.linalg.norm(points.normal - of_master, axis=1) < 1e-12
     weights = [WORLD.allreduce(points.weight[found].sum()) for found in (on_slave, on_master)]
     assert np.all(on_slave | on_master)
-    assert min(weights) > 0.4  # half of the surface, but for what is beside it
+    assert min(weights) > 0.4  # half of the surface, except the part at the edge
     assert np.all(np.sign(points.gap) == np.sign(height))
     distance = np.sum((points.master.x - points.slave.x) * points.normal, axis=1)
     np.testing.assert_allclose(points.gap, distance, atol=1e-13)
-    # Both points are on their surfaces.
+    # Both points lie on their surfaces.
     vertical = points.slave.x[:, gdim - 1] - SLOPE * (points.slave.x[:, 0] - 0.5)
     upon = points.master.x[:, gdim - 1] - SLOPE * (points.master.x[:, 0] - 0.5)
     np.testing.assert_allclose(points.slave.x[:, gdim - 1], height, atol=1e-13)
@@ -70,12 +70,12 @@ def test_along_the_normals_of_facets(cell, quadrature, height):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("cell", CELLS)
 def test_along_the_bisector(cell, quadrature, height):
-    """The same normal on both sides."""
+    """The bisector normal is the same on both integration sides."""
     contact = contact_of(cell, height, quadrature=quadrature, normals="bisector")
     points, gdim = contact.pairing, contact.slave.gdim
     expected = sum(outward(gdim))
     expected /= np.linalg.norm(expected)
-    # At the rim a node's normal may be that of its own side.
+    # At the rim the normal of a node may be that of its own side.
     x = np.hstack([side.x[:, : gdim - 1] for side in (points.slave, points.master)])
     inner = np.all((x > 0.01) & (x < 0.99), axis=1)
     assert WORLD.allreduce(np.count_nonzero(inner)) > 0

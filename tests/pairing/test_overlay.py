@@ -1,4 +1,4 @@
-"""Overlay quadrature: areas, exactness on any pair of meshes, traces of degree 2, partial cover."""
+"""Overlay quadrature: areas, exactness on any meshes, traces of degree 2, partial cover."""
 
 from mpi4py import MPI
 
@@ -67,13 +67,13 @@ def test_tilted_interface(cell, contact):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_overhang(cell):
-    """Partial cover: forces balance, and there are none where nothing faces the slave."""
+    """With partial cover forces balance, and slave parts with nothing opposite have none."""
     p = Parameters(6, 4, cell, 0.0, overhang=0.3, contact="unilateral", **EXACT)
     result, contact = run(p)
     surface = contact.slave
     local = surface.node_dofs - surface.V.dofmap.index_map.local_range[0] * surface.gdim
     traction = contact.traction("slave").x.array[local]
-    free = surface.node_x[:, 0] > 1.0 + 1 / 4 - 1e-9  # the support begins beyond the master
+    free = surface.node_x[:, 0] > 1.0 + 1 / 4 - 1e-9  # all of the support is beyond the master
     force = contact.force("slave")[-1]
     assert np.all(traction[free] == 0)
     assert np.isclose(force, 65, rtol=1e-9)
@@ -109,7 +109,7 @@ def surfaces(cell, n=(7, 4), shift=0.0, wave=0.0, spaces=(vector_space, vector_s
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_areas(cell):
-    """What is covered has the area it should have; nothing is counted twice."""
+    """The covered area is exact, and nothing is counted twice."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     for shift in (0.0, 0.2345):
         slave, master = surfaces(cell, shift=shift)
@@ -128,14 +128,14 @@ def test_areas(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_areas_of_curved_surfaces(cell):
-    """Covered and uncovered parts of wavy facets add up to the slave's area."""
+    """Covered and uncovered parts of wavy facets add up to the area of the slave."""
     slave, master = surfaces(cell, n=(9, 6), wave=0.1)
     contact = qs.Contact(
         slave, master, formulation="master-slave", law=qs.Tied(), penalty=1.0, quadrature="overlay"
     )
     covered = WORLD.allreduce(contact.pairing.weight.sum())
     area = slave.area
-    # At the rim facets that are tilted do not project onto each other wholly.
+    # At the rim the projections of tilted facets do not cover each other completely.
     assert covered <= area * (1 + 1e-12)
     assert covered > 0.97 * area
 
@@ -156,7 +156,7 @@ def test_pairing_points(cell):
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 @pytest.mark.parametrize("cell", CELLS)
 def test_quadratic_displacement(cell, law):
-    """The patch test with P2 or Q2 on both sides, and on one side alone."""
+    """The patch test passes with P2 or Q2 on both sides, and on one side only."""
     for spaces in ((quadratic_space, quadratic_space), (quadratic_space, vector_space)):
         pair = Pair(cell, law=law(), n=(5, 3))
         u, V, F, bcs, faces = [], [], [], [], []
@@ -191,10 +191,10 @@ def test_quadratic_displacement(cell, law):
 
 
 def test_quadrilaterals_that_fold_in_projection():
-    """The sides of a warped block, seen from one beside it: what folds is left out.
+    """Sides of a warped block projected onto one beside it: facets that fold are left out.
 
-    Once the map to its plane was inverted nevertheless: weights were negative and forces were out
-    of balance.
+    Formerly the map to the plane of such a facet was inverted: weights were negative, and forces
+    were not in balance.
     """
     faults = []
     for seed in range(12):
@@ -216,7 +216,7 @@ def test_quadrilaterals_that_fold_in_projection():
         )
         p = contact.pairing
         u = [s.create_vec() for s in surfaces]
-        u[1].array[2::3] = 0.1  # the upper body's surface is the master, and is moved away
+        u[1].array[2::3] = 0.1  # the upper body is the master, and it moves away
         u[0].array[2::3] = 0.3
         terms.evaluate(contact.model, *u)
         forces = contact.force("slave"), contact.force("master")

@@ -1,4 +1,4 @@
-"""Pairing points against brute force, on any partition."""
+"""Contact quadrature points agree with brute force on any partition."""
 
 from mpi4py import MPI
 
@@ -14,7 +14,7 @@ RADIUS = 0.15
 
 
 def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
-    """Block one cell thick, its face at height 0 curved; base is the height of the other face."""
+    """Make a block one cell thick with a curved face at height 0 and the other face at base."""
     gdim = len(low) + 1
     bottom, top = min(base, 0.0), max(base, 0.0)
     msh = box(comm, [*n, 1], cell, [*low, bottom], [*high, top], partition)
@@ -28,7 +28,7 @@ def curved(comm, cell, n, low, high, base, seed, amplitude, partition):
 
 
 def brute_force(nodes, facets, outline, step=200):
-    """What :func:`closest` finds, some nodes at a time: there are many pairs."""
+    """Return the result of :func:`closest` in batches of nodes, because there are many pairs."""
     parts = [
         closest(nodes[i : i + step], facets, outline) for i in range(0, max(len(nodes), 1), step)
     ]
@@ -36,10 +36,10 @@ def brute_force(nodes, facets, outline, step=200):
 
 
 def closest(nodes, facets, outline):
-    """Closest points, and whether they are admissible: within the radius, not beside the surface.
+    """Return closest points, and whether they are in the radius and not beside the surface.
 
-    Facets are tried in order of their centroids' distances; that those left out are further away is
-    asserted.
+    Only such points are admissible. Facets are tried in the order of the distances of their
+    centroids. An assertion checks that the facets left out are further away.
     """
     centroid = facets.mean(axis=1)
     reach = np.linalg.norm(facets - centroid[:, None], axis=2).max()
@@ -70,7 +70,7 @@ def closest(nodes, facets, outline):
 @pytest.mark.parametrize("partitions", (("forward", "backward"), ("scattered", "last")))
 @pytest.mark.parametrize("cell", ("tetrahedron", "triangle"))
 def test_brute_force(cell, partitions):
-    """Thousands of nodes on random curved surfaces: no mismatch in either direction."""
+    """Thousands of nodes on random curved surfaces have the expected pairs, in both directions."""
     d = 2 if cell == "tetrahedron" else 1
     counts = ([70, 71], [75, 64]) if d == 2 else ([2000], [1500])
     low, high = np.zeros(d), np.ones(d)
@@ -100,12 +100,12 @@ def test_brute_force(cell, partitions):
         np.testing.assert_allclose(
             np.linalg.norm(node - point, axis=1), distance[found], rtol=0, atol=1e-13
         )
-        far = np.linalg.norm(point - x[found], axis=1) > 1e-7  # a tie
+        far = np.linalg.norm(point - x[found], axis=1) > 1e-7  # equally close facets
         assert np.count_nonzero(far) == 0
 
 
 def test_bilinear_facets():
-    """On warped quadrilaterals no sample of any facet is closer than the point found."""
+    """On warped quadrilaterals no sample of any facet is closer than the point that was found."""
     slave = curved(WORLD, "hexahedron", [12, 9], [0, 0], [1, 1], 0.3, 1, 0.3, "scattered")
     master = curved(WORLD, "hexahedron", [7, 8], [-0.2] * 2, [1.1] * 2, -0.3, 2, 0.3, "backward")
     contact = qs.Contact(
@@ -128,12 +128,12 @@ def test_bilinear_facets():
     if len(pairing):
         by_sampling, _ = scipy.spatial.cKDTree(samples).query(pairing.slave.x)
         assert np.all(distance <= by_sampling + 1e-14)
-        # Samples are a facet's thirtieth apart: the point cannot be much closer either.
+        # Samples are a thirtieth of a facet apart: the closest point cannot be much closer either.
         assert np.all(by_sampling - distance <= 0.01)
 
 
 def table(comm, partitions, formulation, cell):
-    """All pairing points, in an order that no partition changes."""
+    """Return all contact quadrature points, in an order that no partition changes."""
     n = ([5, 4], [6, 8]) if cell in ("tetrahedron", "hexahedron") else ([9], [13])
     d = len(n[0])
     slave = curved(comm, cell, n[0], [0] * d, [1] * d, 0.3, 1, 0.0, partitions[0])
@@ -152,7 +152,7 @@ def table(comm, partitions, formulation, cell):
 @pytest.mark.parametrize("formulation", ("master-slave", "double-pass", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron", "triangle", "quadrilateral"))
 def test_partition_does_not_matter(cell, formulation):
-    """Structured flat meshes are full of ties, which all partitions resolve alike."""
+    """Structured flat meshes have many equally close facets; all partitions choose the same."""
     reference = table(MPI.COMM_SELF, (None, None), formulation, cell)
     others = [
         table(WORLD, p, formulation, cell)
@@ -160,14 +160,14 @@ def test_partition_does_not_matter(cell, formulation):
     ]
     for other in others:
         np.testing.assert_allclose(other, reference, atol=1e-14)
-    # Flat surfaces that touch: all nodes paired, in place, with all of the area.
+    # Flat touching surfaces: all nodes are paired at their place, with the whole area.
     area = {"master-slave": 1, "double-pass": 2, "quasi-symmetric": 1}[formulation]
     assert np.isclose(reference[:, -1].sum(), area)
     np.testing.assert_allclose(reference[:, :3], reference[:, 3:6], atol=1e-14)
 
 
 def test_ties_take_the_same_facet():
-    """Unknowns of the facet's vertices, by position, are the same on every partition."""
+    """Equally close facets: the chosen facet has the same vertices on every partition."""
 
     def vertices(comm, partition):
         slave = curved(comm, "tetrahedron", [4, 4], [0, 0], [1, 1], 0.3, 1, 0.0, partition)
@@ -202,7 +202,7 @@ def test_ties_take_the_same_facet():
 
 
 def test_never_the_back_of_a_body():
-    """A thin plate between: its far face is nearer than the search radius, and not taken."""
+    """The far face of a thin plate in between is never paired, although it is in reach."""
     slave = curved(WORLD, "hexahedron", [4, 4], [0, 0], [1, 1], 0.3, 1, 0.0, None)
     plate = box(WORLD, [5, 5, 1], "hexahedron", [0, 0, -0.05], [1, 1, 0.0])
     back = qs.Surface(vector_space(plate), facets=plane(plate, 2, -0.05))
@@ -234,19 +234,19 @@ def test_beyond_the_radius():
 
 
 def test_punch_on_a_wider_block():
-    """Nodes of the wider surface beside the punch sample no gap."""
+    """Nodes of the wider surface beside the punch have no pairs."""
     punch = curved(WORLD, "quadrilateral", [4], [0.0], [1.0], 0.3, 1, 0.0, None)
     wide = curved(WORLD, "quadrilateral", [33], [-1.0], [2.0], -0.3, 1, 0.0, None)
     contact = qs.Contact(punch, wide, quadrature="nodal", search_radius=1.0)
     x = gathered(WORLD, contact.pairing.slave.x)
     weight = gathered(WORLD, contact.pairing.weight)
     assert np.all((x[:, 0] > -1e-12) & (x[:, 0] < 1 + 1e-12))
-    assert len(x) == 5 + 12  # 11 cells on the punch's length
+    assert len(x) == 5 + 12  # 11 cells along the punch
     assert np.isclose(weight.sum(), 0.5 * 1 + 0.5 * 12 / 11)
 
 
 def test_update_after_motion():
-    """Pairing follows the meshes, and the gaps are those of the new positions."""
+    """Contact updates use the moved meshes, and gaps are those of the new positions."""
     slave = curved(WORLD, "quadrilateral", [4], [0.0], [1.0], 0.3, 1, 0.0, None)
     master = curved(WORLD, "quadrilateral", [5], [0.0], [1.0], -0.3, 1, 0.0, None)
     contact = qs.Contact(slave, master, quadrature="nodal", search_radius=0.5)
@@ -259,7 +259,7 @@ def test_update_after_motion():
 
 
 def test_unknowns_and_owners():
-    """dofs and owner of a point name the unknowns that the surface has at these positions."""
+    """The dofs and owner of a point are those of the surface's unknowns at these positions."""
     slave = curved(WORLD, "tetrahedron", [3, 4], [0, 0], [1, 1], 0.3, 1, 0.1, "scattered")
     master = curved(WORLD, "tetrahedron", [5, 3], [0, 0], [1, 1], -0.3, 2, 0.1, "backward")
     pairing = qs.Contact(slave, master, quadrature="nodal", search_radius=1.0).pairing

@@ -17,7 +17,7 @@ def shape_functions(num_vertices, xi):
 
 
 def closest_by_search(vertices, p):
-    """Smallest distance over a fine grid, refined by a bounded minimiser."""
+    """Return the smallest distance on a fine grid, refined by a bounded minimiser."""
     nv = len(vertices)
     grid = np.linspace(0, 1, 41)
     best = []
@@ -51,7 +51,7 @@ def closest_by_search(vertices, p):
 @pytest.mark.parametrize("num_vertices", (2, 3, 4))
 @pytest.mark.parametrize("reach", (0.2, 1.0, 5.0))
 def test_closest_point(num_vertices, reach):
-    """On the facet, and no further than a search over it finds; bilinear ones are warped."""
+    """The point is on the facet and as close as a search finds, also on warped facets."""
     rng = np.random.default_rng(num_vertices)
     corners = {2: [[0, 0, 0], [1, 0, 0]], 3: [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}
     corners[4] = [*corners[3], [1, 1, 0]]
@@ -68,19 +68,20 @@ def test_closest_point(num_vertices, reach):
 
 @pytest.mark.parametrize("warp", (0.02, 0.1))
 def test_gently_warped_quadrilaterals(warp):
-    """Where one minimum may be proved to be the only one: none of a fine grid's is nearer."""
+    """Slightly warped facets have one minimum: no point of a fine grid is closer."""
     rng = np.random.default_rng(7)
     s, t = (a.ravel() for a in np.meshgrid(*[np.linspace(0, 1, 201)] * 2))
     shapes = shape_functions(4, (s, t)).T
     for _ in range(60):
         vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
         vertices += warp * rng.uniform(-1, 1, vertices.shape)
-        # Above the inside, and beyond edges and corners.
+        # Above the interior, and beyond edges and corners.
         p = np.array([0.5, 0.5, 0]) + [0.8, 0.8, 0.6] * rng.uniform(-1, 1, 3)
         distance, xi, x = _cpp.closest_point(4, vertices, p)
         assert np.isclose(distance, np.linalg.norm(x - p), rtol=1e-13)
         assert distance <= np.linalg.norm(shapes @ vertices - p, axis=1).min() * (1 + 1e-13)
-        # Stationary: the way back is across the patch, or out of it at an edge.
+        # The point is stationary: the residual is normal to the patch, or points outwards at an
+        # edge.
         a, b = vertices[1] - vertices[0], vertices[2] - vertices[0]
         c = vertices[3] - vertices[1] - b
         for i, tangent in enumerate((a + xi[1] * c, b + xi[0] * c)):
@@ -106,7 +107,7 @@ def test_points_of_the_facet_are_their_own_projection(num_vertices):
 
 
 def test_a_point_as_far_as_can_be_still_gets_an_answer():
-    """All points of the patch about equally far: Newton's matrix is singular or indefinite."""
+    """With all points of a patch equally far, Newton's matrix is bad and the result is right."""
     a = np.sqrt(1 / 3)
     vertices = np.array([[-a, -a, a], [a, -a, a], [-a, a, a], [a, a, a]])
     distance, xi, _ = _cpp.closest_point(4, vertices, np.zeros(3))

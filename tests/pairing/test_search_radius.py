@@ -1,4 +1,4 @@
-"""How far points look by default: as far as the larger of the facets there is."""
+"""Default search distance of points: the size of the larger of the local facets."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,13 @@ from scenes import WORLD, box, plane, vector_space
 
 import qsdolfinx as qs
 
-#: Facets of the master on the left half and on the right one, and the slave's.
+#: Facet sizes of the master on the left and on the right half, and of the slave.
 SIZES = 0.05, 0.5
 FINE, COARSE = 40, 2
 
 
 def graded(gap, slave_cells):
-    """A slave block at a height over a master that is fine for x < 1 and coarse for x > 1."""
+    """Make a slave block at a height over a master that is fine for x < 1 and coarse for x > 1."""
     cells = round(1 / SIZES[0]), round(1 / SIZES[1])
     msh = box(WORLD, [sum(cells), 1], "quadrilateral", [0, -1], [sum(cells), 0])
     x = msh.geometry.x
@@ -25,7 +25,7 @@ def graded(gap, slave_cells):
 
 
 def places(contact, side="slave"):
-    """Abscissae of the points of all ranks, sorted, and their weights."""
+    """Return the sorted abscissae of the points of all ranks, and their weights."""
     p = contact.pairing
     x, weight = getattr(p, side).x[:, 0], p.weight
     x, weight = (np.concatenate(WORLD.allgather(values)) for values in (x, weight))
@@ -34,7 +34,7 @@ def places(contact, side="slave"):
 
 @pytest.mark.parametrize("formulation", ("master-slave", "double-pass"))
 def test_nodes_of_a_fine_body(formulation):
-    """Nothing is paired further from fine facets than their size, over the coarse ones all is."""
+    """Nodes over fine facets are unpaired beyond the facet size; those over coarse are paired."""
     slave, master = graded(0.3, FINE)
     contact = qs.Contact(
         slave,
@@ -71,7 +71,7 @@ def test_overlay_of_a_fine_body(formulation):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("swapped", (False, True))
 def test_coarse_and_fine(quadrature, swapped):
-    """A gap of nearly a coarse facet is seen from the fine body as from the coarse one."""
+    """A gap just below the coarse facet size is in reach from the fine and from the coarse body."""
     surfaces = graded(0.95, COARSE)
     options = {"quadrature": quadrature, "penalty": 1.0, "search_radius": "local"}
     contact = qs.Contact(*surfaces[:: -1 if swapped else 1], **options)
@@ -81,12 +81,12 @@ def test_coarse_and_fine(quadrature, swapped):
     assert len(places(contact)[0]) == 0
 
 
-#: Radius of the die's fillet, and its length along y.
+#: Radius of the fillet of the die, and its length along y.
 FILLET, LENGTH = 2.0, 4.0
 
 
 def die(comm):
-    """A floor of two huge triangles, a fillet of small ones, a wall of two huge ones."""
+    """Make a floor of two huge triangles, a fillet of small ones, and a wall of two huge ones."""
     angles, y = np.linspace(0, np.pi / 2, 13), np.linspace(0, LENGTH, 25)
     arc = np.stack([FILLET * np.sin(angles), FILLET * (1 - np.cos(angles))], axis=1)
     strips = [np.array([[-300.0, 0.0], [0.0, 0.0]]), arc]
@@ -107,7 +107,7 @@ def die(comm):
 
 
 def billet(low, high, n):
-    """A block and its underside."""
+    """Make a block; return its underside."""
     msh = box(WORLD, n, "hexahedron", low, high)
     return qs.Surface(vector_space(msh), facets=plane(msh, 2, low[2]))
 
@@ -115,7 +115,7 @@ def billet(low, high, n):
 @pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
 @pytest.mark.parametrize("height, paired", ((6.6, False), (0.9, True)))
 def test_huge_triangles(quadrature, height, paired):
-    """Triangles of a flat say nothing of how far a billet of small facets is from it."""
+    """Huge triangles of a flat do not enlarge the search distance of a finely meshed billet."""
     surface = billet([-9, 0, height], [-5, 4, height + 4], [4, 4, 4])
     options = {"quadrature": quadrature, "penalty": 1.0}
     contact = qs.Contact(surface, die(WORLD), **options)
@@ -132,14 +132,14 @@ def test_huge_triangles(quadrature, height, paired):
 
 
 def test_fillet():
-    """Nodes over fillet and flat that are no further from the die than the billet's facets."""
+    """Nodes over fillet and flat are paired if the die is within the billet's facet size."""
     n, height = 12, 0.35
     surface = billet([-4, 0.5, height], [2 - 0.3, 3.5, height + 2], [n, 6, 1])
     contact = qs.Contact(
         surface, die(WORLD), formulation="master-slave", quadrature="nodal", penalty=1.0
     )
     x = np.linspace(-4, 1.7, n + 1)
-    # The chord of the fillet is not more than 1/200 of its radius off.
+    # The chord error of the fillet is at most 1/200 of its radius.
     distance = np.where(x < 0, height, FILLET - np.hypot(np.maximum(x, 0), FILLET - height))
     size = np.hypot(5.7 / n, 0.5)
     assert not np.any(np.abs(np.abs(distance) - size) < 0.02)

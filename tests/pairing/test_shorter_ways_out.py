@@ -1,4 +1,4 @@
-"""Where corners overlap, the pairs are those of the faces that are less deep in each other."""
+"""At overlapping corners the paired faces are those with the smaller penetration."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ QUIET = {"penalty": 1.0, "initial_overclosure": "ignore"}
 
 
 def pairs(contact):
-    """Normals, gaps and weights of all ranks."""
+    """Return the normals, gaps and weights of all ranks."""
     p = contact.pairing
     return gathered(WORLD, p.normal), gathered(WORLD, p.gap), gathered(WORLD, p.weight)
 
@@ -26,7 +26,7 @@ def pairs(contact):
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_the_less_deep_faces(gdim, quadrature, formulation):
-    """Of an overlap of width w and depth d only the faces count whose way out is min(w, d)."""
+    """For an overlap of width w and depth d only faces with penetration min(w, d) are paired."""
     rng = np.random.default_rng([gdim, len(formulation)])
     for deeper in (False, True):
         for angle in (0.0, rng.uniform(0, 2 * np.pi)):
@@ -41,7 +41,7 @@ def test_the_less_deep_faces(gdim, quadrature, formulation):
                 normal[:, [0, gdim - 1]], [expected] * len(normal), atol=1e-9
             )
             np.testing.assert_allclose(gap, -short, rtol=1e-9)
-            if quadrature == "overlay":  # nothing of them is lost
+            if quadrature == "overlay":  # no part of the faces is lost
                 np.testing.assert_allclose(weight.sum(), long, rtol=1e-9)
             np.testing.assert_allclose(scene.contact.penetration(), short, rtol=1e-9)
             for side in ("slave", "master"):
@@ -53,7 +53,7 @@ def test_the_less_deep_faces(gdim, quadrature, formulation):
 @pytest.mark.parametrize("gdim", (2, 3))
 @pytest.mark.parametrize("inset", (0.0, 0.002, 0.004, 0.02))
 def test_flush_ends(inset, gdim, quadrature):
-    """A block with an interference between walls: ends that look the same way are no ways out."""
+    """A block with interference between walls: flush ends with equal normals are not paired."""
     width, mid, one = 0.01, [0.0] * (gdim - 2), [1.0] * (gdim - 2)
     n = [3, *[2] * (gdim - 2), 4]
     low, high = [0.0, *mid, -1.0], [1.0, *one, -inset]
@@ -77,20 +77,20 @@ def test_flush_ends(inset, gdim, quadrature):
         assert np.all(along)
         np.testing.assert_allclose(gap, -width, rtol=1e-9)
         np.testing.assert_allclose(weight.sum(), 2 * (1 - inset), rtol=1e-9)
-    else:  # rows of the block's nodes on both sides, but the top ones, that look at the rims, too
+    else:  # constraints on both sides, except top nodes, which also face the rims
         assert np.count_nonzero(np.isclose(gap[deep], -width)) >= 2 * 3 ** (gdim - 2) * 4
     np.testing.assert_allclose(contact.penetration(), width, rtol=1e-9)
 
 
 def polygon(points, cells):
-    """A mesh of triangles in the plane, made on rank 0."""
+    """Make a mesh of triangles in the plane on rank 0."""
     domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
     mine = slice(None) if WORLD.rank == 0 else slice(0)
     return create_mesh(np.array(cells)[mine], np.array(points, dtype=float)[mine], domain)
 
 
 def wedge(slope, depth):
-    """A tip that points down, at -depth, and its sides, which rise by the slope."""
+    """Make a tip that points down, at -depth, and its sides, which rise with the slope."""
     msh = polygon([[0, -depth], [1, slope - depth], [-1, slope - depth]], [[0, 1, 2]])
     sides = mesh.locate_entities_boundary(
         msh, 1, lambda x: np.isclose(x[1], slope * np.abs(x[0]) - depth)
@@ -100,7 +100,7 @@ def wedge(slope, depth):
 
 @pytest.mark.parametrize("slope", (0.3, 0.7, 1.0))
 def test_all_of_a_wedge(slope):
-    """Both sides of a wedge in a plane have pairs down to its tip."""
+    """Both sides of a wedge in a plane have pairs down to the tip."""
     depth, msh = 0.1, box(WORLD, [9, 2], "quadrilateral", [-2.0, -1.0], [2.0, 0.0], "scattered")
     faces = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[1], 0.0))
     flat = qs.Surface(vector_space(msh), facets=faces)
@@ -109,14 +109,14 @@ def test_all_of_a_wedge(slope):
     contact = qs.Contact(wedge(slope, depth), flat, formulation="master-slave", **options)
     _, gap, weight = pairs(contact)
     inside, long = gap < 0, np.hypot(1, slope)
-    # Along the side's normal the plane is `long` times as far as straight up.
+    # The distance to the plane along the side's normal is `long` times the vertical distance.
     assert np.isclose(gap.min(), -depth * long, rtol=0.15)
     assert np.isclose(weight[inside].sum(), 2 * depth / slope * long, rtol=0.1)
 
 
 @pytest.mark.parametrize("slope", (0.7, 1.0))
 def test_tip_deep_in_a_notch(slope):
-    """A node behind both sides of a notch, beside either of them, is in it."""
+    """A node behind both sides of a notch, but beside each of them, is inside the notch."""
     points = [[0, 0], [1, slope], [-1, slope], [-1, -1], [1, -1]]
     msh = polygon(points, [[0, 1, 4], [0, 4, 3], [0, 3, 2]])
     faces = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[1], slope * np.abs(x[0])))

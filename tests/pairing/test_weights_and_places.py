@@ -1,4 +1,4 @@
-"""Weights of pairing points add up to nodal areas, and their places are on the two surfaces."""
+"""Weights of contact quadrature points add up to nodal areas; the points lie on the surfaces."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import qsdolfinx as qs
 
 
 def lower_face(cell, n, partition, wave=0.0, low=0.0, axisymmetric=False):
-    """A unit block's face at z = low, if it is 0 the lower one, warped and uneven."""
+    """Make the face of a unit block at z = low; if low is 0, the lower face, warped and uneven."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     corner = np.zeros(gdim)
     corner[-1] = low
@@ -23,7 +23,7 @@ def lower_face(cell, n, partition, wave=0.0, low=0.0, axisymmetric=False):
 
 
 def sums_at_nodes(points, surface):
-    """Σ w N at the nodes that this rank owns, of the functions that carry multipliers."""
+    """Return Σ w N at the nodes owned by this rank, with the multiplier functions."""
     number = points.slave.dofs[:, : points.multiplier_values.shape[1], 0]
     number = gathered(WORLD, number)
     values = gathered(WORLD, points.weight[:, None] * points.multiplier_values)
@@ -38,12 +38,12 @@ def sums_at_nodes(points, surface):
     "cell, axisymmetric", [*((cell, False) for cell in CELLS), ("quadrilateral", True)]
 )
 def test_areas_of_warped_facets(cell, axisymmetric, formulation):
-    """Each facet on its copy: the overlay's weights are the areas of the facets, not of shadows."""
+    """A facet on its copy: overlay weights are areas of the facets, not of their projections."""
     slave = lower_face(cell, 3, "forward", 0.3, 0.0, axisymmetric)
     master = lower_face(cell, 3, "backward", 0.3, -1.0, axisymmetric)
     options = {"quadrature": "overlay", "quadrature_degree": 8, "penalty": 1.0}
     contact = qs.Contact(slave, master, formulation=formulation, **options)
-    # Areas of warped quadrilaterals are no polynomials.
+    # Areas of warped quadrilaterals are not polynomial.
     accuracy = 1e-3 if cell == "hexahedron" else 1e-12
     found = sums_at_nodes(contact.pairing, slave)
     flat = lower_face(cell, 3, "forward", 0.0, 0.0, axisymmetric)
@@ -59,7 +59,7 @@ def test_areas_of_warped_facets(cell, axisymmetric, formulation):
     "cell, axisymmetric", (("triangle", False), ("quadrilateral", True), ("hexahedron", False))
 )
 def test_points_upon_a_tool(cell, axisymmetric, inside, quadrature):
-    """Where the tool is closest, along its normal; the slave is within and outside of it."""
+    """Master points are a tool's closest points along its normal; slaves inside and outside."""
     slave = lower_face(cell, 5, "scattered", axisymmetric=axisymmetric)
     gdim = slave.gdim
     center = np.full(gdim, 0.5)

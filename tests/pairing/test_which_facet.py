@@ -1,4 +1,4 @@
-"""Which facet of the other surface a point is paired with, where there are several."""
+"""Choice of the facet for a point, if several facets of the other surface qualify."""
 
 from mpi4py import MPI
 
@@ -16,14 +16,14 @@ QUADRATURES = ("nodal", "overlay")
 
 
 def facing(msh, axis, values):
-    """Boundary facets in any of several planes across an axis."""
+    """Return the boundary facets in any of several planes across an axis."""
     return np.unique(np.concatenate([plane(msh, axis, value) for value in values]))
 
 
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_plate_in_a_slot(gdim, quadrature):
-    """Each side of a thin plate is paired with the wall it faces, however near the other is."""
+    """Each side of a thin plate is paired with the wall it faces, although the other is near."""
     n, low, high = [5] * gdim, np.zeros(gdim), np.ones(gdim)
     low[0], high[0], n[0] = 0.1, 0.12, 1
     plate = box(WORLD, n, "quadrilateral" if gdim == 2 else "hexahedron", low, high, "scattered")
@@ -46,11 +46,11 @@ def test_plate_in_a_slot(gdim, quadrature):
     assert unpaired == 0
 
 
-@pytest.mark.filterwarnings("ignore:normals")  # the back of the plate is none to pair with
+@pytest.mark.filterwarnings("ignore:normals")  # the back of the plate gives no pairs
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_what_is_behind_is_hidden(gdim, quadrature):
-    """A plate before a part of a wall: the nearer counts, and never the back of the plate."""
+    """In front of part of a wall a plate counts, because it is nearer; its back never counts."""
     cell = "quadrilateral" if gdim == 2 else "hexahedron"
     msh = box(WORLD, [4] * (gdim - 1) + [1], cell, [0.0] * gdim, [1.0] * gdim)
     axis, middle = gdim - 1, [1.0] * (gdim - 2)
@@ -64,7 +64,7 @@ def test_what_is_behind_is_hidden(gdim, quadrature):
     options = {"quadrature": quadrature, "search_radius": 0.1, "penalty": 1.0, "normals": "facet"}
     points = qs.Contact(slave, master, formulation="master-slave", **options).pairing
     x = points.slave.x[:, 0]
-    inner = np.abs(x - 0.5) > 1e-9  # at the plate's edge either
+    inner = np.abs(x - 0.5) > 1e-9  # without the edge of the plate
     expected = np.where(x < 0.5, 0.02, 0.06)
     area = WORLD.allreduce(points.weight.sum())
     back = qs.Surface(vector_space(below), facets=facing(below, axis, (-0.03,)))
@@ -78,7 +78,7 @@ def test_what_is_behind_is_hidden(gdim, quadrature):
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("axis, sign", [(i, s) for i in range(3) for s in (1, -1)])
 def test_open_gap_along_any_axis(axis, sign, quadrature, formulation):
-    """Bodies apart along x, y or z, the one before or behind the other: the same points."""
+    """For bodies apart along x, y or z, in either order, the pairs are the same."""
     surfaces = []
     for n, low in ((3, 0.3), (4, -1.0)):
         msh = box(WORLD, [n, n, 1], "hexahedron", [0.0, 0.0, low], [1.0, 1.0, low + 1.0])
@@ -100,7 +100,7 @@ def test_open_gap_along_any_axis(axis, sign, quadrature, formulation):
 
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
-    """The other face of a corner looks another way: what is beside the one is paired with none."""
+    """Points beyond a corner's edge are unpaired: the adjacent face has another orientation."""
     cell, axis = "quadrilateral" if gdim == 2 else "hexahedron", gdim - 1
     wide = box(WORLD, [8] + [2] * (axis - 1) + [1], cell, [0.0] * gdim, [2.0] + [1.0] * axis)
     wide.geometry.x[:, axis] += 0.01
@@ -126,13 +126,13 @@ def test_beyond_an_edge_round_which_the_surface_goes_on(gdim):
 
 @pytest.mark.parametrize("turns", range(4))
 def test_ridge_of_cells_numbered_anyhow(turns):
-    """A node above a ridge finds its edge, which is no rim: whichever way cells are numbered."""
+    """A node above a ridge is paired with its edge, however the cells are numbered."""
     columns = [(i, j) for i in range(3) for j in (0, 1)]
     x = np.array([[i, j, z] for i, j in columns for z in (-1.0, -0.5 * abs(i - 1))])
     cells = []
     for i in (0, 1):
         square = [(i, 0), (i + 1, 0), (i, 1), (i + 1, 1)]
-        for _ in range(turns if i else 0):  # about the vertical
+        for _ in range(turns if i else 0):  # about the vertical axis
             square = [square[k] for k in (1, 3, 0, 2)]
         cells.append([2 * columns.index(p) + k for k in (0, 1) for p in square])
     domain = ufl.Mesh(basix.ufl.element("Lagrange", "hexahedron", 1, shape=(3,)))
@@ -160,7 +160,7 @@ def test_ridge_of_cells_numbered_anyhow(turns):
 
 
 def tied_corners(comm, partition, angle):
-    """Where each node finds its facet, of surfaces full of ties that rounding errors disturb."""
+    """Return the paired points of surfaces with equally close facets disturbed by rounding."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     surfaces = []
@@ -183,7 +183,7 @@ def tied_corners(comm, partition, angle):
 
 @pytest.mark.parallel
 def test_ties_but_for_rounding():
-    """Nodes above edges, of surfaces that are turned: the same facet on any partition."""
+    """Nodes above edges of rotated surfaces have the same facet on any partition."""
     for angle in (0.0, 0.3, 1.1):
         reference = tied_corners(MPI.COMM_SELF, None, angle)
         others = [tied_corners(WORLD, p, angle) for p in ("forward", "scattered", "backward")]

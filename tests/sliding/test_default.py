@@ -1,4 +1,4 @@
-"""Which contacts follow their bodies without being told."""
+"""Default sliding of contacts: which contacts use updated geometry."""
 
 import warnings
 
@@ -16,7 +16,7 @@ import qsdolfinx as qs
 
 
 def boxes(n=((4, 2), (3, 2)), cell="quadrilateral", **options):
-    """A neo-Hookean block on another one, whose upper end goes down and along by a facet."""
+    """Make a neo-Hookean block on another one, whose top moves down and sideways by a facet."""
     case = Boxes(cell, n, ((1.2, 0.5), (1.0, 0.5)), start=0.1)
     case.lower.clamp(plane(case.lower.mesh, 1, -0.5))
     case.upper.clamp(plane(case.upper.mesh, 1, 0.5), [0.3, -0.02])
@@ -25,20 +25,20 @@ def boxes(n=((4, 2), (3, 2)), cell="quadrilateral", **options):
 
 
 def test_nonlinear_bodies():
-    """As with what is asked for by name; what is asked for stays."""
+    """The default for nonlinear bodies is finite sliding; a sliding that is given remains."""
     found = {}
     for sliding in (None, "finite", "small"):
         case, contact, problem = boxes(sliding=sliding)
         assert contact.sliding == (sliding or "finite")
         problem.solve()
         found[sliding] = case.upper.u.x.array.copy()
-    assert boxes(normals="facet")[1].sliding == "finite"  # which has no others
+    assert boxes(normals="facet")[1].sliding == "finite"  # there are no other normals
     assert largest(found[None] - found["finite"]) < 1e-12
     assert largest(found[None] - found["small"]) > 1e-4
 
 
 def test_linear_bodies():
-    """Small in a solve, finite in time steps; what is asked for, or has been solved, stays."""
+    """Small in a solve, finite in time steps; a given sliding, and one already solved, remain."""
     pair = Pair("triangle")
     problem = pair.problem()
     assert pair.contact.sliding == "small"
@@ -55,7 +55,7 @@ def test_linear_bodies():
 
 @pytest.mark.parametrize("friction, within", [(None, 1e-7), (qs.Coulomb(0.3), 1e-4)])
 def test_degree_of_the_rule(friction, within):
-    """2 between hexahedra that contact follows, unless another one is given: nearly the same."""
+    """Degree 2 between hexahedra with finite sliding, unless given, gives nearly the same."""
     forces = []
     for options, expected in (({}, 2), ({"quadrature_degree": 4}, 4), ({"sliding": "small"}, 4)):
         low = Body(box(WORLD, (4, 4, 2), "hexahedron", (0, 0, -0.5), (1, 1, 0)), stiffness=1e3)
@@ -71,7 +71,7 @@ def test_degree_of_the_rule(friction, within):
 
 
 def test_creases():
-    """In 3D small where creases are ahead of facets near edges; blocks with walls follow."""
+    """In 3D sliding is small if sharp edges lie ahead of facets, finite for blocks with walls."""
     low = Body(box(WORLD, (4, 4, 2), "hexahedron", (0, 0, -0.5), (1, 1, 0)), stiffness=1e3)
     high = Body(box(WORLD, (3, 3, 3), "hexahedron", (0.2, 0.2, 0), (0.8, 0.8, 0.5)), stiffness=1e3)
     below, above = plane(low.mesh, 2, -0.5), plane(high.mesh, 2, 0.5)
@@ -81,7 +81,7 @@ def test_creases():
     problem = following_problem([low, high], [contact])
     assert contact.sliding == "finite"
     forces = []
-    for x in (0.0, 0.4):  # by two facets: a third of the block hangs over the edge
+    for x in (0.0, 0.4):  # by two facets: a third of the block overhangs
         top.value[[0, 2]] = x, -0.02
         problem.solve()
         forces.append(contact.force("slave")[2])
@@ -89,7 +89,7 @@ def test_creases():
 
 
 def crossed_wedges(sliding):
-    """Two neo-Hookean wedges whose edges cross and go into each other."""
+    """Make two neo-Hookean wedges whose edges cross and penetrate each other."""
     upper, lower = Wedge(4, "hexahedron"), Wedge(5, "hexahedron", True, 90.0, (0.03, -0.07, 0.0))
     bodies = [upper.hold(-0.03), lower.hold(0.0)]
     stress = [qs.materials.neo_hookean(body.u, 400.0, 600.0) for body in bodies]
@@ -103,7 +103,7 @@ def crossed_wedges(sliding):
 
 
 def test_edges_that_cross():
-    """Small sliding sees them, and is the default there; with finite sliding a warning says so."""
+    """Small sliding handles crossing edges and is the default there; finite sliding warns."""
     contact, problem = crossed_wedges(None)
     assert contact.sliding == "small"
     with warnings.catch_warnings():
@@ -118,7 +118,7 @@ def test_edges_that_cross():
 
 @pytest.mark.parametrize("kind", ("facets", "plane", "body"))
 def test_what_slides_far_in_small_sliding(kind):
-    """A warning from a facet on; none on a plane in closed form, where any way is right."""
+    """A warning from one facet of sliding on; none on an analytic plane, where it is exact."""
     msh = box(WORLD, (6, 3), "triangle", [0.0, 0.0], [1.0, 0.5])
     V = vector_space(msh)
     u, bcs = [fem.Function(V)], [[clamp(V, plane(msh, 1, 0.5), [0.0, -0.01])]]
@@ -149,7 +149,7 @@ def test_what_slides_far_in_small_sliding(kind):
 
 @pytest.mark.parametrize(("angle", "expected"), ((0.0, 0), (0.05, 0), (1.5, 1)))
 def test_roller_that_turns_in_small_sliding(angle, expected):
-    """By facets in place: points that were in contact have gone, and none comes."""
+    """Rotation by facets in place warns: points that were in contact left, and none came."""
     msh = box(WORLD, (12, 3), "quadrilateral", [-0.6, -0.3], [0.6, 0.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -164,7 +164,7 @@ def test_roller_that_turns_in_small_sliding(angle, expected):
 
 
 def test_one_of_many():
-    """Contacts are finite between the bodies that are nonlinear, or a tool and one of these."""
+    """Contacts are finite between nonlinear bodies, or between a tool and a nonlinear body."""
     V, u, F, contacts, bcs = [], [], [], [], []
     for i in range(2):
         msh = box(WORLD, (3, 3), "triangle", [2.0 * i, 0.0], [2.0 * i + 1, 1.0])
@@ -181,7 +181,7 @@ def test_one_of_many():
 
 
 def test_refused_problems_change_nothing():
-    """What is wrong with a solver's options leaves the contact as it was made."""
+    """A problem with wrong solver options is refused and leaves the contact as it was made."""
     case, contact, _ = boxes(sliding="small")
     contact = qs.Contact(case.above, case.below)
     with pytest.raises(ValueError, match="snes_type"):
@@ -205,7 +205,7 @@ def test_small_where_it_cannot_follow(options):
 
 
 def test_what_has_been_solved_for():
-    """Goes on as it was, in a problem with other forms."""
+    """A contact already solved keeps its sliding in a problem with other forms."""
     pair = Pair("triangle")
     pair.problem().solve()
     stress = qs.materials.neo_hookean(pair.u[0], 1.0, 1.0)

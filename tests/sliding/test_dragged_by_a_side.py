@@ -1,4 +1,4 @@
-"""A block that a load presses on a plane, dragged by a Dirichlet condition on its other side."""
+"""Block pressed on a plane by a load, dragged by a Dirichlet condition on its other side."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ import qsdolfinx as qs
 
 
 def test_limit_of_friction():
-    """T = μ N after each step, though the way of the step strains the block by 1000 N at first."""
+    """T = μ N after each step, although the motion first strains the block by 1000 N."""
     msh = box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -32,7 +32,7 @@ def test_limit_of_friction():
 
 @pytest.mark.parametrize("sliding, update", (("finite", True), ("finite", False), ("small", True)))
 def test_floor_that_is_moved_by_hand(sliding, update):
-    """Friction of a floor that slides under a block, whether contact is paired after it or not."""
+    """A floor that slides under a block has friction, with or without a contact update after it."""
     msh = box(WORLD, (2, 2), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)

@@ -1,4 +1,4 @@
-"""What contact that follows the bodies refuses, by the name of the argument."""
+"""Input that contact with finite sliding refuses, by the name of the argument."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_refused(options, name):
 
 @pytest.mark.parametrize("value", (np.nan, np.inf))
 def test_unknowns_that_are_not_finite(value):
-    """The solve says so on all ranks."""
+    """Unknowns that are not finite give an error on all ranks."""
     bodies = scene()
     bodies.clamp_far()
     contact = qs.Contact(bodies.above, bodies.below, sliding="finite")
@@ -60,7 +60,7 @@ def test_unknowns_that_are_not_finite(value):
 
 
 def test_tie_stays_a_tie():
-    """Tied contact has no geometry that could follow: it is the same with either."""
+    """Tied contact has no geometry to update: both kinds of sliding give the same result."""
     out = []
     for sliding in ("small", "finite"):
         bodies = scene()

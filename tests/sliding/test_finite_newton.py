@@ -1,4 +1,4 @@
-"""Newton's method where contact follows the bodies: deep presses, long slides, bodies that part."""
+"""Newton's method with finite sliding: deep presses, long slides, bodies that separate."""
 
 import warnings
 
@@ -19,7 +19,7 @@ kinds = pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 
 
 def press(depth, across=0.0, gap=0.0, cell="quadrilateral", swap=False, first=True, **options):
-    """Press a block into a wider one, and drag it; all at once unless it is pressed first."""
+    """Press a block into a wider one and drag it, at once or pressed first."""
     scene = Boxes(cell, ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7, gap=gap)
     top = scene.clamp_far()
     surfaces = scene.above, scene.below
@@ -51,7 +51,7 @@ def test_press_by_a_third_of_the_body(options):
 @kinds
 @pytest.mark.parametrize("facets", (1, 3))
 def test_slide(facets, options):
-    """Without friction only the ends of the block make a force across."""
+    """Without friction only the ends of the block give a tangential force."""
     _, contact, problem = press(0.03, 0.2 * facets, **options)
     assert problem.num_iterations <= 14
     force = contact.force("slave")
@@ -60,7 +60,7 @@ def test_slide(facets, options):
 
 @pytest.mark.parametrize("facets", (6,))
 def test_slide_far(facets):
-    """By six facets in a solve, with a penalty, in few iterations."""
+    """Slides by six facets in one solve, with a penalty, need few iterations."""
     scene = Boxes("quadrilateral", ((30, 4), (5, 4)), ((6.0, 1.0), (1.0, 1.0)), start=1.03)
     top = scene.clamp_far()
     contact = qs.Contact(scene.above, scene.below, sliding="finite", enforcement="penalty")
@@ -76,7 +76,7 @@ def test_slide_far(facets):
 @pytest.mark.parametrize("options", [KINDS["penalty"], KINDS["augmented"]])
 @pytest.mark.parametrize("gap", (0.1, 0.5))
 def test_gap_that_closes(gap, options):
-    """Bodies that start apart meet; forces are as if they had started in touch."""
+    """Bodies that start apart come into contact, with the forces of bodies that start in touch."""
     _, contact, _ = press(gap + 0.03, gap=gap, **options)
     _, touching, _ = press(0.03, **options)
     force, expected = contact.force("slave"), touching.force("slave")
@@ -86,7 +86,7 @@ def test_gap_that_closes(gap, options):
 @pytest.mark.parametrize("options", [KINDS["penalty"], KINDS["augmented"]])
 @pytest.mark.parametrize("gap", (1.0, 3.0))
 def test_bodies_never_pass_silently(gap, options):
-    """From further than contact looks: a force, an error or a warning."""
+    """Beyond the search distance bodies give a force, an error or a warning, never nothing."""
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         try:
@@ -99,7 +99,7 @@ def test_bodies_never_pass_silently(gap, options):
 
 @kinds
 def test_slide_off_the_end(options):
-    """Nothing acts once a block has left the other."""
+    """No force remains once a block has left the other block."""
     scene, contact, _ = press(0.03, 1.8, **options)
     assert largest(contact.force("slave")) < 1e-9
     assert largest(*(np.abs(total(b.internal_forces())) for b in scene.bodies)) < 1e-6
@@ -119,7 +119,7 @@ def test_no_warning_beyond_the_end():
     ],
 )
 def test_ends_at_nodes(start):
-    """The block, the master, ends between nodes of the slave, or at them to begin with."""
+    """The block, the master, ends between slave nodes, or initially at slave nodes."""
     scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=start)
     top = scene.clamp_far()
     contact = qs.Contact(scene.below, scene.above, sliding="finite")
@@ -138,7 +138,7 @@ def test_ends_at_nodes(start):
     ],
 )
 def test_one_step_or_two(cell, formulation, mu, depth, enforcement):
-    """Where elements would turn over in the first iterations with full steps."""
+    """One step equals two where full steps would invert elements in the first iterations."""
     forces = []
     for steps in (1, 2):
         gdim = 2 if cell == "triangle" else 3

@@ -1,4 +1,4 @@
-"""Time steps of bodies in displacements and in velocities whose contact follows them."""
+"""Time steps with finite sliding of displacement-based and velocity-based bodies."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from qsdolfinx.gap.following import NoGapError
 
 
 def drag(steps, sliding, mu=0.2):
-    """Press a block and drag it by 1.5 facets in time 2, in equal steps; force on it."""
+    """Press a block and drag it by 1.5 facets in time 2, in equal steps; return its force."""
     scene = Boxes("quadrilateral", ((12, 2), (5, 3)), ((2.4, 0.5), (1.0, 0.6)), start=0.53)
     top = scene.clamp_far()
     contact = qs.Contact(
@@ -32,7 +32,7 @@ def drag(steps, sliding, mu=0.2):
 
 
 def test_bodies_in_displacements():
-    """A few large steps give what many small ones give with small sliding."""
+    """A few large steps with finite sliding agree with many small ones with small sliding."""
     limit, _ = drag(32, "small")
     found, stepper = drag(4, "finite")
     assert stepper.num_cutbacks == 0
@@ -40,7 +40,7 @@ def test_bodies_in_displacements():
 
 
 def test_lost_rays_cut_steps_back():
-    """A step in which a curved facet's rays meet nothing is tried again."""
+    """A step in which rays from a curved facet find nothing is repeated with a smaller size."""
     scene = Boxes("quadrilateral", degree=2)
     top = scene.clamp_far()
     contact = qs.Contact(scene.above, scene.below, sliding="finite")
@@ -61,10 +61,10 @@ def test_lost_rays_cut_steps_back():
 
 
 class Squeezed:
-    """A viscous block, 1 × 1, on an elastic die, which a rough tool slides over and presses down.
+    """Viscous block, 1 × 1, on an elastic die; a rough tool slides over it and presses it down.
 
     Args:
-        power_law: Whether it is of Norton-Hoff's law and not Newtonian.
+        power_law: Whether the law is Norton-Hoff instead of Newtonian.
     """
 
     def __init__(self, sliding, dt, power_law=False, facets=False):
@@ -127,7 +127,7 @@ class Squeezed:
 
 @pytest.mark.parametrize("power_law", (False, True))
 def test_bodies_in_velocities(power_law):
-    """Both kinds of sliding come to the same as steps become small."""
+    """Both kinds of sliding converge to the same result for small steps."""
     widths = {}
     for sliding, dt in (("small", 0.0125), ("finite", 0.0125), ("finite", 0.05)):
         scene = Squeezed(sliding, dt, power_law)
@@ -138,7 +138,7 @@ def test_bodies_in_velocities(power_law):
 
 
 def test_order_of_steps():
-    """A block in velocities, of which two steps and one of the same length give nearly the same."""
+    """With smaller steps a velocity-based block converges: two and four steps nearly agree."""
     one, two, four = (
         np.append(s.run(0.1), s.width) for s in (Squeezed("finite", 0.1 / n) for n in (1, 2, 4))
     )

@@ -1,4 +1,4 @@
-"""Neo-Hookean bodies that friction alone holds, or drags, by much in one solve."""
+"""Neo-Hookean bodies held or dragged far by friction alone in one solve."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def block(low, high, n, stiffness):
 
 
 class Pad:
-    """A pad between two plates, pressed by the upper one, which is then drawn along.
+    """Pad between two plates, pressed by the upper plate, which is then moved sideways.
 
     Args:
         friction: μ below and above.
@@ -53,15 +53,15 @@ class Pad:
 
 @pytest.mark.parametrize("friction, most", [((0.3, 0.3), 25), ((0.4, 0.2), 20), ((0.2, 0.4), 20)])
 def test_pad(friction, most):
-    """Both sides slip for a while: the tangent is next to singular, and has to be right."""
+    """While both sides slip, the tangent is nearly singular, and has to be exact."""
     scene = Pad(friction)
     scene.draw(0.3)
-    assert scene.problem.num_iterations <= most  # 183, 14, 13 where points stay
-    np.testing.assert_allclose(scene.ratio, min(friction), rtol=0.02)  # pressed edges lean
+    assert scene.problem.num_iterations <= most  # 183, 14, 13 with fixed points
+    np.testing.assert_allclose(scene.ratio, min(friction), rtol=0.02)  # pressed edges tilt
 
 
 def test_pad_whose_place_is_nearly_free():
-    """The same coefficient and mesh lines on both sides: only springs find where it goes."""
+    """With equal coefficients and mesh lines on both sides only springs fix the pad's place."""
     bodies = [block([0.0, y], [3.0, y + 0.4], (12, 2), 1e3) for y in (-0.4, 0.5)]
     pad = block([0.5, 0.0], [1.5, 0.5], (4, 2), 1e3)
     bodies[0].clamp(plane(bodies[0].mesh, 1, -0.4))
@@ -88,7 +88,7 @@ def test_pad_whose_place_is_nearly_free():
 
 @pytest.mark.parametrize("way, lost", [((1.0, 1.0), True), ((0.05, 0.05), False)])
 def test_lost_body(way, lost):
-    """Out of contact it is in equilibrium anywhere, however far what it touched has gone."""
+    """Out of contact a body is in equilibrium anywhere, however far the other side has moved."""
     msh = box(WORLD, (3, 3), CELL, [0.0, 0.0], [1.0, 1.0])
     V = vector_space(msh)
     u = fem.Function(V)
@@ -105,7 +105,7 @@ def test_lost_body(way, lost):
 
 
 def test_strong_friction():
-    """A held block that is dragged along a plate by two of its facets in one solve."""
+    """A held block is dragged along a plate by two facets of the plate in one solve."""
     low = block([-1.0, -0.5], [4.0, 0.0], (25, 3), 1e3)
     high = block([-0.5, 0.0], [0.5, 0.5], (6, 4), 6e2)
     low.clamp(plane(low.mesh, 1, -0.5))
@@ -123,7 +123,7 @@ def test_strong_friction():
 
 
 def errors(scene):
-    """Errors of the derivatives by the pad, of the bodies' forces and of R_λ, over their sizes."""
+    """Return relative errors of derivatives by the pad, of body forces and of R_λ."""
     equations = Equations(scene.problem.system)
     z = equations.first()
     matrix = equations.tangent_of(equations.evaluate(z))
@@ -145,19 +145,19 @@ def errors(scene):
 
 
 def test_derivative_at_ends():
-    """Forces of friction where the pad ends, as that moves along the plate."""
+    """Friction forces at the ends of the pad have the right derivative as the ends move."""
     scene = Pad((0.3, 0.3))
-    with scene.problem.one_step():  # all of it slips until the step ends: nothing has a kink
+    with scene.problem.one_step():  # everything slips until the step ends: no kinks
         scene.draw(0.3)
         of_forces, of_constraints = errors(scene)
-    assert of_forces < 1e-3 and of_constraints < 1e-6  # 0.08, 2e-3 where points stay
+    assert of_forces < 1e-3 and of_constraints < 1e-6  # 0.08, 2e-3 with fixed points
 
 
 @pytest.mark.parametrize("gdim, cell", [(2, "quadrilateral"), (3, "hexahedron")])
 def test_stack(gdim, cell):
-    """A pad between a rough pier and a slippery plate, which is drawn: that one alone slips.
+    """A pad between a rough pier and a slippery, moving plate slips on the plate only.
 
-    At first all sticks, and is far beyond friction on both sides.
+    In the first iteration all sticks, far beyond the friction limit on both sides.
     """
     levels, moduli = (-100.0, 0.0, 20.0, 60.0), (3e4, 5e2, 2.1e5)
     forms, unknowns, conditions, faces = [], [], [], []

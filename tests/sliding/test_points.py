@@ -1,4 +1,4 @@
-"""Constraints at points of contact that follows the bodies."""
+"""Constraints at points with finite sliding."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ FINITE = {"sliding": "finite"}
 
 
 def half_ring(start, center):
-    """Neo-Hookean, its rim and its hub: from an angle on, half a turn around a center."""
+    """Make half a neo-Hookean ring about a center, from an angle on: body, rim and hub."""
     msh = box(WORLD, (24, 2), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered")
     x = msh.geometry.x
     angle, radius = start + np.pi * x[:, 0], 0.8 + 0.2 * x[:, 1]
@@ -26,11 +26,11 @@ def half_ring(start, center):
 
 
 class Passing:
-    """A half ring whose hub is drawn over another one by two facets a step.
+    """Half ring whose hub is moved over another half ring by two facets per step.
 
     Args:
         mu: Coefficient of friction.
-        slave: Whose facets carry multipliers, the lower ring's (0) or the upper one's (1).
+        slave: Ring whose facets carry multipliers, the lower one (0) or the upper one (1).
     """
 
     def __init__(self, mu, slave):
@@ -47,7 +47,7 @@ class Passing:
 
         stepper = qs.TimeStepper(problem, 0.25, drive, dt_max=0.25)
         side = "master" if slave == 0 else "slave"
-        #: Place of the hub, force on the upper ring, energy of both, and what friction has taken.
+        #: Position of the hub, force on the upper ring, energy of both, and dissipated energy.
         self.rows = [(0.0, np.zeros(2), 0.0, 0.0)]
         for t in stepper.run(3.0):
             energy = sum(body.energy for body in self.bodies)
@@ -55,7 +55,7 @@ class Passing:
         self.log = stepper.log
 
     def work(self):
-        """Of the hub."""
+        """Return the work of the hub."""
         total = 0.0
         for (a, before, *_), (b, now, *_) in zip(self.rows, self.rows[1:], strict=False):
             total -= (b - a) * (before[0] + now[0]) / 2
@@ -64,7 +64,7 @@ class Passing:
 
 @pytest.mark.parametrize("slave", (0, 1))
 def test_passing(slave):
-    """Without friction the work is stored and comes back, and nothing is along the crest."""
+    """Without friction work is stored and recovered, and there is no force along the crest."""
     scene = Passing(0.0, slave)
     peak = max(row[2] for row in scene.rows)
     crest = next(row for row in scene.rows if abs(row[0] - 1.5) < 1e-9)
@@ -74,7 +74,7 @@ def test_passing(slave):
 
 @pytest.mark.parametrize("slave", (0, 1))
 def test_energy_of_friction(slave):
-    """In steps of two facets it is what the hub's work leaves."""
+    """In steps of two facets the friction energy is the hub's work that is not stored."""
     scene = Passing(0.3, slave)
     work, taken = scene.work(), scene.rows[-1][3]
     assert taken > 0 and abs(taken / work - 1) < 0.03
@@ -82,7 +82,7 @@ def test_energy_of_friction(slave):
 
 @pytest.mark.parametrize("shape", ("plane", "facets"))
 def test_driven_tool(shape):
-    """What its row says is the force that the body has from it, wherever both are."""
+    """The tool's own equation has the force on the body, wherever both are."""
     pair = Pair("triangle", wave=0.02)
     along = np.array([0.6, -0.8])
     if shape == "plane":
@@ -106,7 +106,7 @@ def test_driven_tool(shape):
 
 
 def turned_disc(degrees):
-    """A disc in a ring, pressed, then turned in one solve, with a guess."""
+    """Press a disc in a ring, then rotate it in one solve, with an initial guess."""
     scene = Nested("quadrilateral", n=(40, 56), misfit=0.01, friction=qs.Coulomb(0.2), **FINITE)
     disc = scene.bodies[0]
     held = fem.Function(disc.V)
@@ -123,7 +123,7 @@ def turned_disc(degrees):
 
 
 def turned_pin(degrees, kind):
-    """A rigid pin in a ring, pressed, then turned in one solve."""
+    """Press a rigid pin in a ring, then rotate it in one solve."""
     body = Body(ring((56, 2), (0.99, 1.4)))
     body.clamp(body.boundary(lambda x: np.hypot(x[0], x[1]) > 1.3))
     if kind == "shape":
@@ -143,7 +143,7 @@ def turned_pin(degrees, kind):
 
 @pytest.mark.parametrize("degrees", (10.0, 30.0))
 def test_guess(degrees):
-    """A disc that is turned in a ring, and guessed to be: what the guess slips does not stick."""
+    """A disc rotated in a ring with a guess: parts that slip in the guess do not stick."""
     contact, problem = turned_disc(degrees)
     assert problem.num_iterations <= 8
     moments = [contact.moment(side)[0] for side in ("slave", "master")]
@@ -155,20 +155,20 @@ def test_energy_of_a_turn(kind):
     """Slip is a chord, energy that of the arc: moment times angle in one step of 100°."""
     contact, problem = turned_disc(100.0) if kind == "disc" else turned_pin(100.0, kind)
     work = abs(contact.moment("slave")[0]) * np.radians(100)
-    # The bodies give way before they slip.
+    # The bodies deform before they slip.
     assert abs(contact.dissipated_energy() / work - 1) < 5e-3
     assert problem.num_iterations <= 12
 
 
 def test_turned_too_far():
-    """Beyond 149° nothing tells which way a point has gone."""
+    """Beyond 149° the direction of slip is ambiguous, and a warning is given."""
     with pytest.warns(qs.ContactWarning, match="not known which way friction acts"):
         turned_pin(170.0, "facets")
 
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_gaps_of_the_master(cell):
-    """The gap field of either side is what is between flat boxes, and 0 where nothing faces it."""
+    """The gap field of each side is the gap of flat boxes, and 0 with nothing opposite."""
     across, n = ((), ()) if cell == "triangle" else ((1.0,), (2,))
     sizes = (2.0, *across, 0.5), (0.8, *across, 0.6)
     scene = Boxes(cell, ((10, *n, 2), (3, *n, 2)), sizes, start=0.53, gap=0.01)
@@ -178,13 +178,13 @@ def test_gaps_of_the_master(cell):
     for side, surface in (("slave", scene.above), ("master", scene.below)):
         values = surface.linear.node_values(contact.fields(side)["gap"])
         faced = values != 0
-        assert np.allclose(values[faced], -0.01, rtol=1e-9)  # open
+        assert np.allclose(values[faced], -0.01, rtol=1e-9)  # an open gap
         assert WORLD.allreduce(np.count_nonzero(faced)) > 3
 
 
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_what_slides_goes_on(cell):
-    """A block that is dragged by half a facet a step; 48 iterations and more if all began stuck."""
+    """A block dragged by half a facet per step; 48 or more iterations if all started in stick."""
     case = Boxes(cell, ((24, 6), (8, 4)), ((4.0, 1.0), (1.0, 0.5)), start=0.5)
     moved = case.clamp_far()
     contact = qs.Contact(case.above, case.below, friction=qs.Coulomb(0.3))
@@ -199,7 +199,7 @@ def test_what_slides_goes_on(cell):
 
 
 def test_nothing_creeps():
-    """Solved again without a load, hexahedra whose facets are not flat stay as they are."""
+    """Without load and solved again, hexahedra with warped facets do not change."""
     case = Boxes("hexahedron", ((5, 3, 2), (2, 1, 2)), ((2.0, 1.2, 0.7), (0.7, 0.5, 0.5)), 0.5)
     moved = case.clamp_far()
     contact = qs.Contact(case.above, case.below, friction=qs.Coulomb(0.5))

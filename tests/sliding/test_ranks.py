@@ -1,4 +1,4 @@
-"""Contact that follows the bodies is the same on any number of ranks."""
+"""Contact with finite sliding gives the same result on any number of ranks."""
 
 from mpi4py import MPI
 
@@ -21,7 +21,7 @@ KINDS = {
 
 
 def results(comm, cell, degree=1, **options):
-    """Forces, energies and extremes of multipliers after a press and a slide by two facets."""
+    """Return forces, energies and multiplier extremes after a press and a slide by two facets."""
     across = () if cell in ("triangle", "quadrilateral") else (1.0,)
     n = [2] * len(across)
     scene = Boxes(

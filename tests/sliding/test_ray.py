@@ -1,4 +1,4 @@
-"""Gaps along rays from fixed points of one facet to another, and their derivatives."""
+"""Gaps along rays from fixed points of a facet to another facet, and their derivatives."""
 
 import functools
 import itertools
@@ -15,7 +15,7 @@ CORNERS = {
 }
 EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
-#: Vertices and degree of the facet that is cut and of the other one, and whether the slave is cut.
+#: Vertices and degree of the segmented facet and of the other; whether the slave is segmented.
 KINDS = [
     (cut, other, cut_is_slave)
     for cut, other in itertools.product(itertools.product((2, 3, 4), (1, 2)), repeat=2)
@@ -26,7 +26,7 @@ kinds = pytest.mark.parametrize("kind", KINDS, ids=str)
 
 
 def places(num_vertices, degree):
-    """The nodes of a reference facet."""
+    """Return the nodes of a reference facet."""
     corners = CORNERS[num_vertices].astype(float)
     if degree == 1:
         return corners
@@ -53,7 +53,7 @@ def coefficients(num_vertices, degree):
 
 
 def functions(num_vertices, degree, xi):
-    """Those that are 1 at one node of a facet and 0 at the others, [point][node]."""
+    """Return functions that are 1 at one node of a facet and 0 at the others, [point][node]."""
     return monomials(num_vertices, degree, xi) @ coefficients(num_vertices, degree)
 
 
@@ -91,7 +91,7 @@ class Pair:
         self.pressure = rng.uniform(-1, 1, num_points)
         self.tractions = np.zeros((num_points, 3))
         self.tractions[:, : self.dim] = rng.uniform(-1, 1, (num_points, self.dim))
-        #: Where nodes were when slip began: moved, and turned.
+        #: Nodes where slip began: displaced and rotated.
         turn, _ = np.linalg.qr(np.eye(self.dim) + 0.2 * rng.normal(size=(self.dim, self.dim)))
         self.start = x + 0.0
         self.start[:, : self.dim] = x[:, : self.dim] @ (turn * np.sign(np.diag(turn))).T
@@ -102,13 +102,13 @@ class Pair:
         return self.cut_kind if self.cut_is_slave else self.other_kind
 
     def nodes(self, x):
-        """Of the facet that is cut, and of the other one."""
+        """Return the nodes of the segmented facet and of the other facet."""
         if self.cut_is_slave:
             return x[: self.num_cut], x[self.num_cut :]
         return x[self.num_other :], x[: self.num_other]
 
     def rays(self, x):
-        """The facets with the nodes at ``x``, and the rays between them."""
+        """Return the facets with nodes at ``x``, and the rays between them."""
         y, z = self.nodes(x)
         cut = _cpp.RayFacet(*self.cut_kind, y, self.orientation)
         other = _cpp.RayFacet(*self.other_kind, z)
@@ -117,7 +117,7 @@ class Pair:
         return cut, other, points
 
     def gaps(self, x):
-        """−t of each point."""
+        """Return −t of each point."""
         return -self.rays(x)[2].t
 
     def gradients(self, x):
@@ -133,7 +133,7 @@ class Pair:
         return _cpp.ray_curvature(cut, other, self.cut_is_slave, points, self.pressure)
 
     def slip(self, x):
-        """Slip, normal, gradient, what tractions work on."""
+        """Return slip, normal, gradient and the quantity on which tractions work."""
         cut, other, points = self.rays(x)
         start = (np.ascontiguousarray(nodes) for nodes in self.nodes(self.start))
         return _cpp.ray_slip(cut, other, self.cut_is_slave, points, *start)
@@ -153,7 +153,7 @@ class Pair:
         return self.orientation * n / np.linalg.norm(n)
 
     def samples(self, x):
-        """Functions of the cut facet's nodes, of the other's, and N_k, [point][function]."""
+        """Return functions of both facets' nodes, segmented first, and N_k, [point][function]."""
         zeta = self.rays(x)[2].zeta
         slave = self.xi if self.cut_is_slave else zeta
         return (
@@ -163,14 +163,14 @@ class Pair:
         )
 
     def directions(self):
-        """All nodes one after the other in each direction, [direction][node][3]."""
+        """Return all nodes in each direction one after another, [direction][node][3]."""
         for node, component in itertools.product(range(len(self.x)), range(self.dim)):
             direction = np.zeros_like(self.x)
             direction[node, component] = 1
             yield direction
 
     def differences(self, values, step):
-        """Central ones of values [..], as [..][node][3]; 0 across the plane."""
+        """Return central differences of values [..], as [..][node][3]; 0 across the plane."""
         found = [(values(self.x + step * d) - values(self.x - step * d)) / (2 * step)
                  for d in self.directions()]  # fmt: skip
         out = np.zeros((*found[0].shape, len(self.x), 3))
@@ -178,7 +178,7 @@ class Pair:
         return out
 
     def rigid_motions(self):
-        """Translations, then infinitesimal rotations about the origin, [motion][node][3]."""
+        """Return translations, then infinitesimal rotations about the origin, [motion][node][3]."""
         axes = np.eye(3)
         turns = axes[2:] if self.dim == 2 else axes
         return (
@@ -189,7 +189,7 @@ class Pair:
 
 @kinds
 def test_ends(kind):
-    """Rays end on the other facet; sums are those of their points."""
+    """Rays end on the other facet, and sums are those of their points."""
     pair = Pair(kind)
     y, z = pair.nodes(pair.x)
     points = pair.rays(pair.x)[2]
@@ -208,7 +208,7 @@ def test_gradient(kind):
 
 @kinds
 def test_functions(kind):
-    """The slave's functions move where a ray of the master ends, and nowhere else."""
+    """The slave's functions change where a ray of the master ends, and nowhere else."""
     pair = Pair(kind)
     gradients = pair.function_gradients(pair.x)
     expected = pair.differences(lambda x: pair.samples(x)[2], 1e-5)
@@ -230,20 +230,20 @@ def test_hessian(kind):
 
 @kinds
 def test_slip(kind):
-    """It lies in the facet that is cut, and its gradient is that of differences."""
+    """Slip lies in the plane of the segmented facet; its gradient agrees with differences."""
     pair = Pair(kind)
     slip, normal, gradient, _ = pair.slip(pair.x)
     expected = np.moveaxis(pair.differences(lambda x: pair.slip(x)[0], 1e-5), 2, 1)
     sign = 1 if pair.cut_is_slave else -1
     assert np.abs(slip).max() > 0.01
     assert np.abs(normal - sign * pair.normal(pair.x)).max() < 1e-14
-    inside = (..., slice(pair.dim), slice(pair.dim))  # in 2D nobody asks for the rest
+    inside = (..., slice(pair.dim), slice(pair.dim))  # in 2D other components are not used
     assert np.abs((gradient - expected)[inside]).max() < 1e-8 * np.abs(gradient).max()
 
 
 @kinds
 def test_works(kind):
-    """Tractions work on what the ends of rays slide by on the facet: Σ a_α δζ_α."""
+    """Tractions do work on the sliding of the ray ends on the facet: Σ a_α δζ_α."""
     pair = Pair(kind)
     works, step = pair.slip(pair.x)[3], 1e-6
     z, zeta = pair.nodes(pair.x)[1], pair.rays(pair.x)[2].zeta
@@ -260,7 +260,7 @@ def test_works(kind):
 
 @kinds
 def test_slip_hessian(kind):
-    """The derivative of the work of tractions in the plane of the facet, which turn with it."""
+    """The Hessian is the derivative of the work of in-plane tractions, which rotate along."""
     pair = Pair(kind)
 
     def in_plane(x):
@@ -280,7 +280,7 @@ def test_slip_hessian(kind):
 
 @kinds
 def test_rigid_motions(kind):
-    """Each point conserves momentum and moment: gaps stay, and slip turns with its frame."""
+    """Each point conserves linear and angular momentum: gaps are invariant, slip rotates."""
     pair = Pair(kind)
     gradients, (slip, _, gradient, works) = pair.gradients(pair.x), pair.slip(pair.x)
     translations, rotations = pair.rigid_motions()
@@ -297,7 +297,7 @@ def test_rigid_motions(kind):
 
 @kinds
 def test_forces_turn_with_the_bodies(kind):
-    """H times a translation is 0, and times an infinitesimal rotation it turns the forces."""
+    """H times a translation is 0; times an infinitesimal rotation it rotates the forces."""
     pair = Pair(kind)
     forces = np.tensordot(pair.weight * pair.pressure, pair.gradients(pair.x), axes=1)
     hessian = pair.hessian(pair.x)
@@ -312,7 +312,7 @@ def test_forces_turn_with_the_bodies(kind):
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k[0][0] == 2], ids=str)
 def test_plane(kind):
-    """In 2D nothing has a third component."""
+    """In 2D no result has a third component."""
     pair = Pair(kind)
     hessian = pair.hessian(pair.x).reshape(len(pair.x), 3, len(pair.x), 3)
     assert not pair.gradients(pair.x)[..., 2].any()
@@ -323,7 +323,7 @@ def test_plane(kind):
 
 @pytest.mark.parametrize("cut_is_slave", (True, False))
 def test_known_gap(cut_is_slave):
-    """Parallel facets 0.1 apart and in each other, wherever they are."""
+    """Parallel facets 0.1 apart, open or overlapping, have this gap anywhere."""
     flat = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
     for place, depth in itertools.product((0, 1000), (-0.1, 0.1)):
         points = ray_points([[0.25, 0.5]], [[0.3, 0.3]], [2.0])
@@ -341,7 +341,7 @@ def test_known_gap(cut_is_slave):
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("num_vertices", (2, 3, 4))
 def test_no_end(num_vertices, degree):
-    """A ray along the other facet has none."""
+    """A ray parallel to the other facet has no end point."""
     dim = 2 if num_vertices == 2 else 3
     x = np.zeros((len(places(num_vertices, degree)), 3))
     x[:, :2] = places(num_vertices, degree)

@@ -1,4 +1,4 @@
-"""Energies and forces of polygons and polyhedra in each other, against those of another program."""
+"""Energies and forces of nested polygons and polyhedra, against those of another program."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -11,7 +11,7 @@ from qsdolfinx.pairing.pair import overlay_rules
 
 
 class Side:
-    """Facets of one side, by the places of vertices; outside is where ``outward`` points."""
+    """Facets of one side, given by vertex positions; ``outward`` points to the outside."""
 
     def __init__(self, x, facets, outward):
         self.x, self.facets, self.outward = x, facets, outward
@@ -35,7 +35,7 @@ class Side:
 
 
 def size(x):
-    """Lengths of intervals or areas of triangles, (facets, vertices, 3)."""
+    """Return lengths of intervals or areas of triangles, (facets, vertices, 3)."""
     first = x[:, 1] - x[:, 0]
     if x.shape[1] == 2:
         return np.linalg.norm(first, axis=1)
@@ -43,7 +43,7 @@ def size(x):
 
 
 class Pass:
-    """½ Σ_k G_k²/S_k of a slave and a master, areas and S_k of where they are given."""
+    """½ Σ_k G_k²/S_k of a slave and a master, with areas and S_k of the given positions."""
 
     def __init__(self, slave, master, both):
         self.sides, self.both = (slave, master), both
@@ -53,7 +53,7 @@ class Pass:
         self.node_area = np.asarray(self.still[0].node_area)
 
     def evaluate(self, *places):
-        """Keep energy, forces (nodes, gdim), and both places, with vertices there."""
+        """Set energy, forces (nodes, gdim), and both places, with vertices at the given places."""
         for surface, side, x in zip(self.moving, self.sides, places, strict=True):
             surface.follow(np.ascontiguousarray(x[side.facets]))
         self.pieces = _cpp.overlay_pieces(
@@ -89,7 +89,7 @@ class Pass:
         return self
 
     def growth(self, places):
-        """Areas of the facets that were cut where they are given, over those now, (points,)."""
+        """Return the given area of each segmented facet over its current area, (points,)."""
         facets, ends = np.asarray(self.pieces.facets()), self.sides[0].facets.shape[1] + 1
         out = np.empty(len(facets))
         for cut, side, x, columns in zip(
@@ -101,7 +101,7 @@ class Pass:
         return out
 
     def balance(self):
-        """Net force and net moment, largest components."""
+        """Return the largest components of the net force and the net moment."""
         x, f = self.places, self.forces
         if self.gdim == 2:
             turn = np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])
@@ -110,7 +110,7 @@ class Pass:
         return np.abs(f.sum(axis=0)).max(), np.abs(turn).max()
 
 
-#: By which bodies are shifted after they have been turned.
+#: Translation of the bodies after the rotation.
 SHIFT = np.array([0.01, -0.005, 0.0])
 
 
@@ -124,7 +124,7 @@ def turned(x, angle):
 
 
 def shaft(both):
-    """A: a polygon of 11 sides in one of 17."""
+    """Make scene A: a polygon with 11 sides in one with 17."""
     i, j = np.arange(11), np.arange(17)
     x = polygon(1.0, 2 * np.pi * (i + 0.2 * np.sin(1.7 * i)) / 11)
     z = polygon(1.01, 2 * np.pi * (j + 0.25 * np.cos(2.3 * j)) / 17)
@@ -134,7 +134,7 @@ def shaft(both):
 
 
 def polyhedra(both):
-    """D: an icosahedron, refined once, in another."""
+    """Make scene D: an icosahedron, refined once, in another one."""
     x, facets = icosahedron()
     z = 1.03 * x @ spun([0.3, 0.2, 0.5]).T
     slave = Side(x, facets, lambda c: 0.1 * c)
@@ -143,7 +143,7 @@ def polyhedra(both):
 
 
 def spun(vector):
-    """Matrix of a rotation vector."""
+    """Return the matrix of a rotation vector."""
     vector = np.asarray(vector, dtype=float)
     angle = np.linalg.norm(vector)
     a = vector / angle
@@ -152,7 +152,7 @@ def spun(vector):
 
 
 def icosahedron():
-    """Its facets cut in four, with all vertices on the unit sphere."""
+    """Return a unit icosahedron: each facet divided into four, all vertices on the unit sphere."""
     golden = (1 + 5**0.5) / 2
     x = [
         v
@@ -254,7 +254,7 @@ def test_polyhedra(both, energy, force):
 
 
 def test_sides_may_be_mirrored():
-    """Facets that are numbered the other way round are the same facets."""
+    """Reversing the numbering of facets does not change the facets."""
     scene, other = shaft(True), shaft(True)
     for side in other.sides:
         side.facets = side.facets[:, ::-1].copy()
@@ -268,7 +268,7 @@ def test_sides_may_be_mirrored():
 
 @pytest.mark.parametrize("both", (True, False))
 def test_forces_do_not_jump(both):
-    """A polygon turns in another until vertices pass each other: forces are continuous there."""
+    """Forces are continuous as a polygon rotates in another and vertices pass each other."""
     scene, tiny = shaft(both), 1e-14
     x, z = (side.x for side in scene.sides)
     angles = [np.arctan2(a[:, 1], a[:, 0]) for a in (x, z)]
@@ -284,10 +284,10 @@ def test_forces_do_not_jump(both):
 
 @pytest.mark.parametrize("both", (True, False))
 def test_forces_of_polyhedra_do_not_jump(both):
-    """Vertices pass edges and vertices as a polyhedron turns back to where it fits the other."""
+    """Forces are continuous as vertices pass edges and vertices of a fitting polyhedron."""
     scene, tiny = polyhedra(both), 1e-14
     x, _ = icosahedron()
-    fits = x @ spun([0.3, 0.2, 0.5]).T  # vertices on rays through those of the other
+    fits = x @ spun([0.3, 0.2, 0.5]).T  # vertices lie on rays through those of the other
     axis = np.array([0.2, 0.5, -0.3])
     forces = [
         scene.evaluate(fits @ spun(side * tiny * axis).T if side else fits, 1.03 * fits).forces
@@ -301,7 +301,7 @@ def test_forces_of_polyhedra_do_not_jump(both):
 @pytest.mark.parametrize("both", (True, False))
 @pytest.mark.parametrize("make", (shaft, polyhedra))
 def test_forces_are_the_gradient(make, both):
-    """On closed surfaces, where each covers all of the other, clipping included."""
+    """On closed surfaces that cover each other forces are the gradient, clipping included."""
     scene = make(both)
     rng = np.random.default_rng(5)
     x, z = (side.x for side in scene.sides)
@@ -322,7 +322,7 @@ def test_forces_are_the_gradient(make, both):
 @pytest.mark.parametrize("both", (True, False))
 @pytest.mark.parametrize("make", (shaft, polyhedra))
 def test_turning_everything(make, both):
-    """Energy stays and forces turn along."""
+    """Rotating the whole scene keeps the energy and rotates the forces."""
     scene = make(both)
     turn = spun([0, 0, 1.3]) if scene.gdim == 2 else spun([0.7, -1.1, 0.4])
     shift = np.array([3.0, -2.0, 0.0 if scene.gdim == 2 else 1.0])

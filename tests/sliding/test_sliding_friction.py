@@ -1,4 +1,4 @@
-"""Friction on slip that is objective, by many facets a solve."""
+"""Friction with objective slip, by many facets per solve."""
 
 import numpy as np
 import pytest
@@ -20,13 +20,13 @@ kinds = pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 
 
 class Drag:
-    """A low block, pressed on a floor that is held all over, so that both stay flat.
+    """Low block pressed on a floor that is held everywhere, so that both stay flat.
 
     Args:
-        cell: Of both.
-        length: Of the floor.
-        floor_is_slave: Which of them carries multipliers.
-        press: How far the block's top is pressed down.
+        cell: Cell type of both.
+        length: Length of the floor.
+        floor_is_slave: Whether the floor carries the multipliers.
+        press: Distance by which the block's top is pressed down.
     """
 
     def __init__(self, cell, length, floor_is_slave=False, mu=MU, press=0.004, **options):
@@ -55,7 +55,7 @@ class Drag:
         self.problem.solve()
 
     def slide(self, way):
-        """Slide the top; the block goes ahead as a guess."""
+        """Slide the top; the initial guess moves the whole block."""
         way = np.append(way, 0.0)
         self.top.value[:] += way
         u = self.block.u.x.array
@@ -64,7 +64,7 @@ class Drag:
 
     @property
     def force(self):
-        """On the block."""
+        """Return the force on the block."""
         return self.contact.force(self.side)
 
     @property
@@ -76,12 +76,12 @@ class Drag:
 @pytest.mark.parametrize("facets", (0.5, 3))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_block_on_a_floor(cell, facets, options):
-    """Once all slips T = μ N, and friction takes μ N s of the work."""
+    """In full slip T = μ N, and friction dissipates μ N s of the work."""
     way = facets * FACET
     scene = Drag(cell, 2.0 + 3 * way + 0.4, **options)
     for _ in range(3):
         scene.slide([way])
-    tolerance = 1e-8 if "penalty" not in options else 3e-3  # the block's corners are tilted
+    tolerance = 1e-8 if "penalty" not in options else 3e-3  # the corners of the block tilt
     assert abs(scene.ratio / MU - 1) < tolerance
     work = scene.ratio * scene.force[-1] * way
     assert abs(scene.contact.step_dissipation() / work - 1) < max(1e-6, tolerance)
@@ -90,7 +90,7 @@ def test_block_on_a_floor(cell, facets, options):
 
 @pytest.mark.parametrize("floor_is_slave", (False, True))
 def test_stick(floor_is_slave):
-    """Below the limit nothing slips and nothing is lost; it springs back."""
+    """Below the limit nothing slips or dissipates, and the block springs back."""
     scene = Drag("quadrilateral", 3.0, floor_is_slave, mu=1.0)
     start = scene.force
     for way in (2e-4, -2e-4):
@@ -101,7 +101,7 @@ def test_stick(floor_is_slave):
 
 @pytest.mark.parametrize("facets", (1, 6))
 def test_floor_is_slave(facets):
-    """The same where the block is the master, which comes to other nodes of the slave.
+    """The same holds with the block as master, which reaches other nodes of the slave.
 
     The energy of nodes that it leaves within the step is not counted, see docs/limits.md.
     """
@@ -118,19 +118,19 @@ def test_floor_is_slave(facets):
 @pytest.mark.parametrize("floor_is_slave", (False, True))
 @pytest.mark.parametrize("facets", (2, 6))
 def test_energy_at_points(facets, floor_is_slave):
-    """All of the work along, however far the slide and whichever is the slave."""
+    """All of the tangential work is dissipated, for any slide and either slave."""
     scene = Drag("quadrilateral", 5.6, floor_is_slave, constraints="points")
     way = facets * FACET
     for _ in range(2):
         scene.slide([way])
-        assert scene.problem.num_iterations <= 15  # also of nodes that others cover at the end
-    assert abs(scene.ratio / MU - 1) < 3e-3  # faces tilt a little
+        assert scene.problem.num_iterations <= 15  # including nodes only covered at the end
+    assert abs(scene.ratio / MU - 1) < 3e-3  # faces tilt slightly
     work = MU * scene.force[-1] * way
     assert abs(scene.contact.step_dissipation() / work - 1) < 1e-3
 
 
 def test_direction_in_three_dimensions():
-    """Friction is against the slide, whatever its direction to the facets."""
+    """Friction is opposite to sliding, whatever the direction to the facets."""
     scene = Drag("tetrahedron", 3.4)
     way = 0.25 * np.array([0.8, 0.6])
     for _ in range(2):
@@ -142,7 +142,7 @@ def test_direction_in_three_dimensions():
 
 @kinds
 def test_press_release_press(options):
-    """Friction of before is gone after bodies have been apart."""
+    """After separation no friction of the earlier contact remains."""
     scene = Drag("quadrilateral", 4.0, **options)
     first = scene.force
     scene.slide([0.5])
@@ -157,7 +157,7 @@ def test_press_release_press(options):
 
 
 def test_again():
-    """Solves without change change nothing once areas have settled."""
+    """Repeated solves without change give no change once areas have converged."""
     scene = Drag("quadrilateral", 4.0)
     for _ in range(3):
         scene.slide([0.5])
@@ -171,7 +171,7 @@ def test_again():
 
 
 def test_pair_turns_without_slip():
-    """A block pressed on another, turned by 90° within a solve: friction takes nothing."""
+    """A block pressed on another and rotated by 90° within a solve has no friction energy."""
     scene = Boxes("quadrilateral", ((6, 2), (5, 2)), ((1.4, 0.5), (1.0, 0.5)), start=0.2)
     held = []
     for body, axis_value in zip(scene.bodies, (-0.5, 0.5), strict=True):
@@ -198,13 +198,13 @@ def test_pair_turns_without_slip():
     taken = WORLD.allreduce(np.abs(contact.dissipation()).sum())
     assert taken < 1e-12
     assert largest(np.linalg.norm(contact.slip(), axis=1) - np.linalg.norm(slip, axis=1)) < 1e-10
-    # Tractions are another matter: see test_turning.py.
+    # Tractions are checked in test_turning.py.
     assert abs(np.linalg.norm(contact.force("slave")) / np.linalg.norm(force) - 1) < 0.1
 
 
 @kinds
 def test_balance(options):
-    """Forces and moments that both bodies take from outside are in balance, by DOLFINx alone."""
+    """External forces and moments on both bodies balance, computed by DOLFINx alone."""
     scene = Boxes("triangle", ((8, 3), (5, 4)), ((2.0, 0.6), (1.0, 0.7)), start=0.43)
     top = scene.clamp_far()
     contact = qs.Contact(

@@ -1,4 +1,4 @@
-"""As displacements vanish, contact that follows the bodies is what it is with small sliding."""
+"""For vanishing displacements finite sliding is the same as small sliding."""
 
 import numpy as np
 import pytest
@@ -46,8 +46,8 @@ def solve(size, sliding, cell="quadrilateral", degree=1, swap=False, **options):
 
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_second_order(options, monkeypatch):
-    """Differences fall by four when displacements fall by two."""
-    # What multipliers cannot follow of gaps within a facet resists with γ.
+    """Halving the displacements divides the differences by four."""
+    # The part of a gap within a facet that multipliers cannot represent is resisted by γ.
     monkeypatch.setattr("qsdolfinx.contact.penalty.FOLLOWING_FACTOR", penalty.POINTS_FACTOR)
     differences = []
     for size in (0.008, 0.004):

@@ -1,4 +1,4 @@
-"""What strangers found: results that depended on where a solve began, moments, kinds of errors."""
+"""Found by independent users: results that depended on the start, moments, kinds of errors."""
 
 import warnings
 
@@ -18,7 +18,7 @@ from qsdolfinx.system.equations import Equations
 @pytest.mark.parametrize("enforcement", ("augmented-lagrangian", "penalty"))
 @pytest.mark.parametrize("way", (0.35, 0.75))
 def test_solve_again(way, enforcement, formulation):
-    """Of a wide slave other nodes are covered at the end than where the block came from."""
+    """A solve is the same from another start, where other nodes of a wide slave are covered."""
     scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)
     top = scene.clamp_far()
     options = {"sliding": "finite", "enforcement": enforcement}
@@ -35,7 +35,7 @@ def test_solve_again(way, enforcement, formulation):
 
 @pytest.mark.parametrize("angle", (0.0, 0.5, 2.5))
 def test_moment_of_a_tie(angle):
-    """It is that of the forces where the bodies are now, however far they have turned."""
+    """The moment of a tie is that of the forces on the deformed bodies, at any rotation."""
     scene = Boxes("quadrilateral", ((4, 3), (3, 3)), ((1.0, 1.0), (1.0, 1.0)), gap=0.05)
     lower, upper = scene.bodies
     lower.clamp(plane(lower.mesh, 1, -1.0))
@@ -51,7 +51,7 @@ def test_moment_of_a_tie(angle):
     assert abs(before[0] - own) < 1e-8 * np.abs(force).max()
     if angle:
         R = rotation(angle)
-        for body in scene.bodies:  # conditions hold the bottom where it was: no solve here
+        for body in scene.bodies:  # the conditions hold the bottom at its place: no solve here
             x0 = body.V.tabulate_dof_coordinates()[:, :2]
             u = body.u.x.array.reshape(-1, 2)
             u[:] = (x0 + u) @ R.T - x0
@@ -61,7 +61,7 @@ def test_moment_of_a_tie(angle):
 
 
 def test_gaps_that_cannot_be_measured(monkeypatch):
-    """An iterate that goes too far is Newton's failure, and the message says why."""
+    """An iterate that goes too far is Newton's failure, and the message gives the reason."""
     scene = Boxes("quadrilateral")
     top = scene.clamp_far()
     contact = qs.Contact(scene.above, scene.below, sliding="finite")
@@ -83,8 +83,10 @@ def test_gaps_that_cannot_be_measured(monkeypatch):
 @pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
 @pytest.mark.parametrize("gdim, n, tool", ((2, 8, "plane"), (2, 8, "facets"), (3, 4, "plane")))
 def test_edges_that_are_named(gdim, n, tool, formulation):
-    """Sides besides the bottom: their gaps do not let the block's edge in. No row but by points
-    of small sliding has that."""
+    """Gaps of named sides besides the bottom do not let the edge of the block penetrate.
+
+    Only points have such constraints with small sliding.
+    """
     options = {"enforcement": "augmented-lagrangian"}
     contact, depth = slanted_block(gdim, n, tool, True, formulation=formulation, **options)
     assert depth < 1e-6
@@ -93,14 +95,14 @@ def test_edges_that_are_named(gdim, n, tool, formulation):
 
 
 def test_one_row_for_all_sides():
-    """What that is beside: rows at nodes of small sliding let the edge in."""
+    """For comparison, with constraints at nodes and small sliding the edge penetrates."""
     contact, depth = slanted_block(enforcement="augmented-lagrangian", constraints="nodes")
     assert abs(depth - 0.00889) < 5e-6
     assert abs(contact.force("slave")[1] - 76.08) < 0.005
 
 
 def test_edges_of_bodies():
-    """The force of a block with its sides named is that of the bottom alone."""
+    """The force of a block with named sides is that of its bottom alone."""
     forces = []
     for sides in ((), (0.7, 1.7)):
         scene = Boxes("quadrilateral", ((12, 4), (5, 4)), ((2.4, 1.0), (1.0, 1.0)), start=0.7)

@@ -1,4 +1,4 @@
-"""Bodies under a dead pressure that stretches them: uniform on any meshes that do not match."""
+"""Bodies stretched by a dead pressure: uniform on any non-matching meshes."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 PRESSURE = 30.0
-#: Stress and stretch in plane strain, of another program.
+#: Stress and stretch in plane strain, from another program.
 PLANE = -27.15648123, 1.10470866
-#: What contacts are made with.
+#: Options of the contacts.
 KINDS = {
     "quasi-symmetric": {},
     "master-slave": {"formulation": "master-slave"},
@@ -26,15 +26,15 @@ KINDS = {
 
 
 def uniaxial(num_across):
-    """True stress and stretch across of a neo-Hookean bar under that dead pressure, by bisection.
+    """Return true stress and transverse stretch of a neo-Hookean bar under a dead pressure.
 
     Args:
-        num_across: Directions that are free of stress.
+        num_across: Number of stress-free directions.
     """
     mu, lmbda = 100 / 2.6, 100 * 0.3 / 1.3 / 0.4
 
     def along(across):
-        """Stretch along the bar for which nothing acts across it."""
+        """Return the stretch along the bar without transverse stress."""
         J = np.exp(-mu * (across**2 - 1) / lmbda)
         return J / across**num_across
 
@@ -50,7 +50,7 @@ def uniaxial(num_across):
 
 
 def stretched(cell, degree, axisymmetric, options):
-    """Solve; returns the largest errors of the stress and of the stretch across, of any cell."""
+    """Solve; return the largest errors of stress and of transverse stretch over all cells."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     n = ((3, 3), (4, 4)) if gdim == 2 else ((2, 2, 2), (3, 3, 3))
     ones = (1.0,) * gdim
@@ -78,7 +78,7 @@ def stretched(cell, degree, axisymmetric, options):
 
 
 def at_points(body, value):
-    """Values at a point of each cell of this rank."""
+    """Return values at a point of each cell of this rank."""
     V = fem.functionspace(body.mesh, ("DG", 0))
     points = V.element.interpolation_points
     out = fem.Function(V)

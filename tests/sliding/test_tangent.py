@@ -1,4 +1,4 @@
-"""The derivative of R(z) where contact follows the bodies, against differences."""
+"""The derivative of R(z) with finite sliding agrees with differences."""
 
 import numpy as np
 import pytest
@@ -10,19 +10,19 @@ from system.test_equations import away, equations_of, errors
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
 
-#: Cells and spaces.
+#: Cells and their spaces.
 KINDS = {
     "triangle": vector_space,
     "quadrilateral": vector_space,
     "tetrahedron": vector_space,
-    "hexahedron": vector_space,  # whose facets are warped
+    "hexahedron": vector_space,  # facets are warped
     "quadrilateral, P2": quadratic_space,
     "tetrahedron, P2": quadratic_space,
 }
 
 
 def near(equations, pressure):
-    """Unknowns near a state that presses by so much at all nodes."""
+    """Return unknowns near a state that presses all nodes by a given amount."""
     z, scale = away(equations, size=0.01)
     for i, body in enumerate(equations.system.bodies):
         equations.part(z, i)[:] = body.with_conditions(equations.part(z, i))
@@ -32,14 +32,14 @@ def near(equations, pressure):
 
 
 def closed(equations):
-    """Where all points are in contact."""
+    """Return unknowns with all points in contact."""
     z, scale = near(equations, 5.0)
     assert all(np.all(e.active) for e in equations.evaluate(z).passes)
     return z, scale
 
 
 def closed_in_part(equations, size=0.15):
-    """Where pieces of facets are closed in part: their points move as the pieces do."""
+    """Return unknowns with partly active segments, whose points move with the segments."""
     z, scale = near(equations, 0.0)
     trial = equations.evaluate(z).passes[0].normal.trial
     mean = np.divide(*WORLD.allreduce(np.array([trial.sum(), len(trial)])))
@@ -61,7 +61,7 @@ def closed_in_part(equations, size=0.15):
     ],
 )
 def test_derivative(kind, formulation, state):
-    """By all unknowns: at open ends, and where functions of nodes move."""
+    """The derivative by all unknowns is right, also at open ends and for moving functions."""
     options, cell = {"sliding": "finite"}, kind.partition(",")[0]
     space = KINDS[kind]
     pair = Pair(cell, formulation=formulation, space=space, contact_options=options, wave=0.02)
@@ -72,7 +72,7 @@ def test_derivative(kind, formulation, state):
 @pytest.mark.parametrize("state", (closed, closed_in_part))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 def test_friction(cell, state):
-    """The same with slips, whose limits move with the points, and which turn with the facets."""
+    """The same holds with slip, whose limits move with the points and which turns with facets."""
     options = {"sliding": "finite", "friction": qs.Coulomb(0.3)}
     pair = Pair(cell, contact_options=options, wave=0.02)
     _, equations = equations_of(pair)
@@ -82,7 +82,7 @@ def test_friction(cell, state):
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_round_tool(cell, friction):
-    """Gaps to a tool of known shape have its curvature, and slips its planes."""
+    """Gaps to an analytic tool have its curvature, and slips its tangent planes."""
     gdim = 2 if cell == "triangle" else 3
     body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     body.clamp(plane(body.mesh, gdim - 1, 0.0))
@@ -97,7 +97,7 @@ def test_round_tool(cell, friction):
 
 
 def test_round_tool_on_rings():
-    """The same where areas grow with the radius."""
+    """The same holds where areas grow with the radius."""
     body = Body(box(WORLD, (3, 3), "triangle", (0.2, 0.0), (1.2, 1.0)), axisymmetric=True)
     body.clamp(plane(body.mesh, 1, 0.0))
     tool = qs.RigidSurface.sphere(WORLD, [0.0, 1.9], 1.0)
@@ -113,7 +113,7 @@ def equations_between(bodies, *surfaces, **options):
 
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
 def test_rings(cell):
-    """Areas of rings grow with their radius."""
+    """The same holds for rings, whose areas grow with their radius."""
     sizes = ((3, 2), (0.2, 0.5), (1.0, 1.0)), ((4, 2), (0.3, 1.0), (1.2, 1.5))
     bodies = [
         Body(box(WORLD, n, cell, low, high, "scattered"), axisymmetric=True)
@@ -128,7 +128,7 @@ def test_rings(cell):
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
 def test_tool_of_facets(cell):
-    """A body before a rigid tool of facets, both of which are cut."""
+    """A body in front of a faceted rigid tool, with segmentation of both."""
     gdim = 2 if cell == "quadrilateral" else 3
     body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     body.clamp(plane(body.mesh, gdim - 1, 0.0))

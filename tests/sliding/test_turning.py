@@ -1,4 +1,4 @@
-"""Bodies that are turned and shifted as a whole: everything turns along."""
+"""Bodies rotated and translated as a whole: all results rotate with them."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ SIZES = {
 
 
 class Turned:
-    """Ring and ring, or shell and shell, twisted against each other, that are turned together."""
+    """Two rings or two shells, twisted against each other, that are rotated together."""
 
     def __init__(self, cell, mu=0.0, repeat=12, misfit=None, **contact):
         friction = qs.Coulomb(mu) if mu else None
@@ -49,7 +49,7 @@ class Turned:
         return [body.internal_forces() for body in self.bodies]
 
     def turn(self, degrees):
-        """Move all unknowns rigidly and solve again; returns the matrix."""
+        """Move all unknowns rigidly and solve again; return the matrix."""
         R = rotation(np.radians(degrees), AXIS[self.gdim])
         shift = 0.7 * np.arange(1, self.gdim + 1)
         for body, held in zip(self.bodies, self.held, strict=True):
@@ -88,7 +88,7 @@ def test_without_friction(cell, options, degrees):
 
 
 def test_warped_facets():
-    """As above, with quadrilaterals that are not plane."""
+    """The same holds for warped quadrilaterals."""
     scene = Turned("hexahedron", **PENALTY)
     forces = scene.forces
     R = scene.turn(90.0)
@@ -102,12 +102,13 @@ def test_warped_facets():
         ("quadrilateral", 30.0, PENALTY),
         ("quadrilateral", 90.0, {**PENALTY, "constraints": "points"}),
         ("tetrahedron", 30.0, PENALTY),
-        # Points go along, and what they have beyond nodes turns around their normals, too.
+        # Points move with the bodies; their part beyond that of the nodes rotates with their
+        # normals, too.
         ("tetrahedron", 30.0, {"constraints": "points"}),
     ],
 )
 def test_with_friction(cell, degrees, options):
-    """Nothing slips, and tractions turn along."""
+    """Nothing slips, and tractions rotate along."""
     scene = Turned(cell, 0.3, **options)
     forces, contact = scene.forces, scene.contact
     tau, slip = contact.tangential_multiplier(), contact.slip()
@@ -118,12 +119,12 @@ def test_with_friction(cell, degrees, options):
     assert largest(*changes) < 1e-8 * largest(*forces)
     assert largest(tractions) < 1e-8 * largest(tau)
     assert abs(contact.step_dissipation()) < 1e-8
-    assert largest(slip) > 0 or cell == "tetrahedron"  # where all sticks
+    assert largest(slip) > 0 or cell == "tetrahedron"  # where everything sticks
 
 
 @pytest.mark.parametrize("faceted", (False, True))
 def test_with_friction_on_a_tool(faceted):
-    """As above, on a rigid tool that has gone some way before it turns along."""
+    """The same holds on a rigid tool that has moved before it rotates with the body."""
     body = Body(box(WORLD, (4, 4), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered"))
     x = body.V.tabulate_dof_coordinates()[:, :2]
     held = fem.Function(body.V)
@@ -155,7 +156,7 @@ def test_with_friction_on_a_tool(faceted):
 
 @pytest.mark.parametrize("mu", (0.0, 0.3))
 def test_again(mu):
-    """Solves without change end where they are once areas have settled."""
+    """Repeated solves without change end at the start once areas have converged."""
     scene = Turned("quadrilateral", mu, misfit=0.02)
     forces = scene.forces
     scene.problem.solve()
@@ -165,7 +166,7 @@ def test_again(mu):
 
 
 def test_again_at_once():
-    """A solve without change after the first one ends where it is."""
+    """A solve without change directly after the first one ends at its start."""
     scene = Turned("quadrilateral", repeat=1)
     forces = scene.forces
     scene.problem.solve()
@@ -175,7 +176,7 @@ def test_again_at_once():
 
 @pytest.mark.parametrize("displacements", [1, 2])
 def test_depth_of_curved_facets_that_slide(displacements):
-    """Depths are those of where the bodies are: a disc that turns in its bore gets no deeper."""
+    """Depths are those of the deformed bodies: a disc that rotates in its bore gets no deeper."""
     bodies = []
     for n, radii, turn in ((26, (0.6, 1.0), 0.0), (34, (0.98, 1.4), 0.3)):
         msh = elevated(ring((n, 1), radii, turn=turn))

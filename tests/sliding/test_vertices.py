@@ -1,4 +1,4 @@
-"""Vertices at creases, of contact that follows the bodies: they bear from the first touch on."""
+"""Vertices at sharp edges with finite sliding carry force from first contact on."""
 
 import warnings
 
@@ -19,13 +19,13 @@ CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 class OnCorner:
-    """A box that stands on a corner on another one, the slave being either.
+    """Box that stands on a corner on another box; either box is the slave.
 
     Args:
-        cell: Of both.
-        depth: By which the corner is in the other box at first.
-        swapped: Whether the lower one is the slave.
-        turn: Matrix by which all is turned.
+        cell: Cell type of both.
+        depth: Initial depth of the corner in the other box.
+        swapped: Whether the lower box is the slave.
+        turn: Matrix that rotates everything.
     """
 
     def __init__(self, cell, depth=0.0, swapped=False, turn=None, **contact):
@@ -56,7 +56,7 @@ class OnCorner:
         self.problem = problem_of(self.bodies, [self.contact])
 
     def move(self, *way):
-        """Displacement of the upper box' far sides."""
+        """Set the displacement of the far sides of the upper box."""
         self.held[1].value[:] = self.turn @ np.array(way)
 
 
@@ -64,9 +64,9 @@ class OnCorner:
 @pytest.mark.parametrize("swapped", (False, True))
 @pytest.mark.parametrize("cell", CELLS)
 def test_derivative(cell, swapped, friction):
-    """Of forces and of the corners' rows by everything, the corner being closed.
+    """The derivative of forces and of corner constraints by all unknowns, with active corners.
 
-    Facets opposite are curved between normals at their nodes, which all facets there turn.
+    Facets opposite are curved between the normals at their nodes, which all facets there rotate.
     """
     scene = OnCorner(cell, 0.02, swapped, friction=friction)
     scene.problem.set_up()
@@ -75,7 +75,7 @@ def test_derivative(cell, swapped, friction):
     for i, body in enumerate(equations.system.bodies):
         equations.part(z, i)[body.owned_constrained] = 0.0
     sides, *vertices = equations.multipliers(z)
-    sides.normal[:] = -1e6  # open
+    sides.normal[:] = -1e6  # inactive
     for values in vertices:
         values.normal[:] += 5.0
     at = equations.evaluate(z)
@@ -93,21 +93,21 @@ def test_derivative(cell, swapped, friction):
 @pytest.mark.parametrize("swapped", (False, True))
 @pytest.mark.parametrize("cell", CELLS)
 def test_from_the_first_touch(cell, swapped):
-    """Forces grow with the depth; they balance, and nothing is deep."""
+    """Forces grow with the depth; they balance, and there is no penetration."""
     forces, size = [], 0.25
     for part in (0.02, 0.1):
         scene = OnCorner(cell, 0.0, swapped)
         scene.move(*(0.0,) * (scene.gdim - 1), -part * size)
         scene.problem.solve()
         forces.append(scene.contact.force(scene.upper)[-1])
-        assert scene.contact.penetration() < 0.03 * part * size  # facets are taken as curved
+        assert scene.contact.penetration() < 0.03 * part * size  # facets are treated as curved
         assert largest(scene.contact.force("slave") + scene.contact.force("master")) < 1e-12
     assert forces[0] > 0 and abs(forces[1] / forces[0] / 5 - 1) < 0.1
 
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_turned(cell):
-    """Turning everything turns forces, with friction too; forces and moments of all are none."""
+    """Rotating everything rotates forces, also with friction; total force and moment vanish."""
     forces = []
     for angle in (0.0, 0.9):
         axis = () if cell == "triangle" else ([0.3, 0.5, 0.2],)
@@ -127,7 +127,7 @@ def test_turned(cell):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("shape", ("plane", "facets"))
 def test_on_a_tool(cell, shape):
-    """A box on its corner on a flat tool of a known shape or of facets: as in small sliding."""
+    """A box on its corner on an analytic or faceted flat tool has the results of small sliding."""
     forces = []
     for sliding in ("small", "finite"):
         scene = OnCorner(cell)
@@ -152,7 +152,7 @@ def test_on_a_tool(cell, shape):
 
 
 def test_onto_a_corner():
-    """A half disc comes from beside a block, meets its corner, and climbs onto it."""
+    """A half disc next to a block meets its corner and climbs onto it."""
     block = Body(box(WORLD, (15, 5), "quadrilateral", (0.0, -1.0), (3.0, 0.0), "scattered"))
     msh = box(WORLD, (24, 3), "quadrilateral", (0.0, 0.0), (1.0, 1.0), "scattered")
     rim, hub = plane(msh, 1, 1.0), plane(msh, 1, 0.0)
@@ -176,12 +176,12 @@ def test_onto_a_corner():
         assert contact.penetration() < 0.01
     assert max(step.iterations for step in stepper.log) <= 25
     ratios = [-force[0] / (0.2 * force[1]) for force in forces if force[1] > 1e-3]
-    assert max(ratios) > 2.0  # the corner holds it up
-    assert 0.8 < ratios[-1] < 1.0 + 1e-6  # all slips along the top
+    assert max(ratios) > 2.0  # the corner lifts it
+    assert 0.8 < ratios[-1] < 1.0 + 1e-6  # everything slips along the top
 
 
 class OnTip:
-    """A tip of a rigid tool before the flat side of a box, in 2D."""
+    """Tip of a rigid tool in front of the flat side of a box, in 2D."""
 
     def __init__(self, cell, down=0.0, **contact):
         self.body = Body(box(WORLD, (8, 4), cell, [-1.0, -1.0], [1.0, 0.0], "scattered"))
@@ -194,14 +194,14 @@ class OnTip:
 
 @pytest.mark.parametrize("cell", CELLS[:2])
 def test_derivative_before_a_tip(cell):
-    """Of forces and of the tip's rows by everything, the tip being closed."""
+    """The derivative of forces and of tip constraints by all unknowns, with an active tip."""
     scene = OnTip(cell, 0.02)
     scene.problem.set_up()
     equations = Equations(scene.problem.system)
     z, scale = away(equations, size=0.002)
     equations.part(z, 0)[equations.system.bodies[0].owned_constrained] = 0.0
     sides, tip = equations.multipliers(z)
-    sides.normal[:] = -1e6  # open
+    sides.normal[:] = -1e6  # inactive
     tip.normal[:] += 5.0
     at = equations.evaluate(z)
     assert [WORLD.allreduce(np.count_nonzero(p.normal.active)) for p in at.passes] == [0, 1]
@@ -214,7 +214,7 @@ def test_derivative_before_a_tip(cell):
 
 @pytest.mark.parametrize(("cell", "mu"), (("triangle", 0.0), ("quadrilateral", 0.3)))
 def test_tip_that_slides(cell, mu):
-    """A tool's tip bears from the first touch on, and wherever it slides to; nothing is deep."""
+    """A tool tip carries force from first contact on and as it slides, without penetration."""
     friction = qs.Coulomb(mu) if mu else None
     scene, size = OnTip(cell, friction=friction), 0.25
     forces = []
@@ -239,7 +239,7 @@ def test_tip_that_slides(cell, mu):
 
 @pytest.mark.parametrize("shift", (0.0, 0.013))
 def test_punch_with_walls(shift):
-    """A flat punch half a facet deep, its walls named: what leans beside it does not face these."""
+    """A flat punch half a facet deep with named walls: inclined facets beside it get no walls."""
     forces = []
     for sliding in ("small", "finite"):
         msh = box(WORLD, (20, 10), "quadrilateral", [-1.0, -1.0], [1.0, 0.0], "scattered")
@@ -262,9 +262,10 @@ def test_punch_with_walls(shift):
 
 @pytest.mark.parametrize("sliding", ("finite", "small"))
 def test_vertices_of_a_wavy_block(sliding):
-    """Each vertex with a multiplier of its own: forces are as symmetric as the block is.
+    """Each vertex has its own multiplier: forces are as symmetric as the block.
 
-    They were not, and others on other ranks: multipliers of walls were means of those around.
+    Formerly they were not, and depended on the ranks: multipliers of walls were means of their
+    neighbours.
     """
     msh = box(WORLD, (3, 2, 3), "hexahedron", [0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
     walls = [plane(msh, axis, value) for axis in (0, 1) for value in (0.0, 1.0)]
@@ -286,9 +287,9 @@ def test_vertices_of_a_wavy_block(sliding):
 
 
 def test_pad_with_walls():
-    """A pad of degree 2, its walls named, that leans as it is dragged: corners keep their points.
+    """A pad of degree 2 with named walls tilts as it is dragged: its corners keep their points.
 
-    They lost and got them in turn, in 40 iterations a step.
+    Formerly corners lost and regained them in turn, with 40 iterations per step.
     """
     case = Boxes("quadrilateral", ((17, 6), (7, 5)), ((3.0, 1.0), (0.8, 0.6)), 0.7, degree=2)
     moved = case.clamp_far()
@@ -307,14 +308,14 @@ def test_pad_with_walls():
 
 
 def test_hook_over_a_catch():
-    """A corner along a face that becomes parallel to its own: what it bears is not let go."""
+    """A corner on a face that becomes parallel to its own face keeps its contact force."""
     arm = box(WORLD, (30, 3), "quadrilateral", (0.0, 0.0), (3.0, 1.0))
     catch = box(WORLD, (24, 4), "triangle", (3.0, -0.9), (4.6, 0.0))
     x, y = arm.geometry.x, catch.geometry.x
     below = np.interp(x[:, 0], [0, 2.3, 2.5, 2.6, 3.0], [0, 0, -0.3, -0.3, 0])
     above = np.interp(y[:, 0], [3, 3.1, 3.4, 3.5, 3.7, 4.6], [-0.4, -0.4, -0.1, -0.1, -0.4, -0.4])
     faces = [plane(msh, 1, 0.0) for msh in (arm, catch)]
-    x[:, 0] += 0.5  # to where it touches
+    x[:, 0] += 0.5  # to the position of first contact
     x[:, 1] = below + (0.2 - below) * x[:, 1]
     y[:, 1] = -0.9 + (above + 0.9) * (y[:, 1] + 0.9) / 0.9
     bodies = [Body(arm, stiffness=2e3), Body(catch, stiffness=5e3)]
@@ -333,16 +334,16 @@ def test_hook_over_a_catch():
     assert stepper.num_cutbacks == 0
     assert stepper.total_iterations <= 130
     lean = np.arctan2(-np.array(force)[2:, 0], np.array(force)[2:, 1])
-    assert lean[0] > 0.6 and abs(lean[-1]) < 0.15  # up the slope, then flat on the catch
+    assert lean[0] > 0.6 and abs(lean[-1]) < 0.15  # first up the slope, then flat on the catch
 
 
 class Rough:
-    """A block of n cells, its bottom or its top (at y = 0) rough.
+    """Block of n cells whose bottom or top (at y = 0) is rough.
 
     Attributes:
         body: The body.
-        surface: Its rough side; of a rough bottom the walls, too.
-        held: Constant of the displacement of the side opposite.
+        surface: Its rough side; for a rough bottom also the walls.
+        held: Constant of the displacement of the opposite side.
     """
 
     def __init__(self, n, x, y, seed):
@@ -362,9 +363,10 @@ class Rough:
 
 @pytest.mark.parallel
 def test_vertices_that_bear_keep_their_points():
-    """Without theirs, a step in which nothing moves would not begin in equilibrium.
+    """Vertices with force keep their points; otherwise a step at rest would lose equilibrium.
 
-    Facets beside some vertices turn as they are pressed, so that these would get no points anew.
+    Facets next to some vertices rotate under pressure, so that new contact detection would find no
+    points for these vertices.
     """
     upper = Rough((10, 5), (0.3, 1.3), (0.045, 0.8), 101)
     lower = Rough((33, 5), (0.0, 3.0), (-1.0, 0.0), 1)

@@ -1,4 +1,4 @@
-"""A block on a wider one in 3D, the walls of both named, in steps, with friction."""
+"""Block on a wider block in 3D with named walls of both, in steps, with friction."""
 
 import warnings
 
@@ -11,16 +11,16 @@ from scenes import box, plane
 
 import qsdolfinx as qs
 
-#: Press, press and drag: along x and z.
+#: Press, press and drag: displacements along x and z.
 WAYS = ((0.0, -0.02), (0.0, -0.05), (0.1, -0.05))
 
 
 @pytest.mark.parametrize("shift", (0.0, 0.02, 0.07))
 def test_lines_of_meshes_that_nearly_coincide(shift):
-    """Points between them move far for little, and friction of the step before is smooth there.
+    """Points between nearly coinciding lines move far; friction of the last step is smooth there.
 
-    Newton went on for 50 iterations where points had what the closest one of before had, and where
-    lines that coincide but for rounding crossed.
+    Newton's method took 50 iterations where points had the values of the closest previous point,
+    and where lines that coincide except for rounding crossed.
     """
     forces = []
     for sliding in ("small", "finite"):
@@ -43,9 +43,9 @@ def test_lines_of_meshes_that_nearly_coincide(shift):
 
 
 def test_pad_whose_edge_is_on_a_mesh_line():
-    """Lines that nearly coincide cross anywhere along a side: points elsewhere do not follow that.
+    """Nearly coinciding lines cross anywhere along a side: points elsewhere do not follow this.
 
-    With a fan over all corners of the pieces Newton's method wandered at 1e-7 for 50 iterations.
+    With a fan over all corners of the segments Newton's method stagnated at 1e-7 for 50 iterations.
     """
     plate = Body(box(WORLD, (8, 4, 2), "hexahedron", (0, 0, -0.4), (2, 1, 0)), stiffness=1e3)
     pad = Body(box(WORLD, (5, 4, 2), "hexahedron", (0.5, 0.15, 0), (1.3, 0.85, 0.3)), stiffness=1e2)
@@ -60,7 +60,7 @@ def test_pad_whose_edge_is_on_a_mesh_line():
 
 
 def walls_on_a_node(turn=None):
-    """A block with walls, a corner on a node of a plate, turned: contact, problem, its top."""
+    """Make a rotated block with walls and a corner on a plate's node: contact, problem, top."""
     turn = np.eye(3) if turn is None else turn
     meshes = (
         box(WORLD, (5, 5, 1), "hexahedron", (0, 0, -0.5), (2, 2, 0)),
@@ -77,13 +77,13 @@ def walls_on_a_node(turn=None):
 
 
 def test_default_does_not_depend_on_turns():
-    """A corner's wall stands on a node: its edge leads along the normal, and crosses nothing."""
+    """A wall's corner edge on a node is along the normal: it crosses nothing at any rotation."""
     turns = [None, *(rotation(0.7, axis) for axis in ((1, 2, 0.5), (-0.3, 1, 1), (0.2, -1, 0.4)))]
     assert [walls_on_a_node(turn)[0].sliding for turn in turns] == ["finite"] * 4
 
 
 def test_checkpoint_of_walls(tmp_path):
-    """Passes that small sliding alone has leave nothing behind."""
+    """Integration sides that only small sliding has leave nothing behind in a checkpoint."""
     folder = WORLD.bcast(tmp_path)
     forces = []
     for load in (False, True):
@@ -104,10 +104,10 @@ def test_checkpoint_of_walls(tmp_path):
 
 
 def test_block_that_hangs_over_an_edge():
-    """Above the plate its wall is out, though behind the end face: rays that lean go in by the top.
+    """An overhanging wall above a plate is outside, although it is behind the plate's end face.
 
-    Points of slivers bore up to 27 times the mean pressure, a wrong warning came, and with other
-    overhangs no step was small enough.
+    Inclined rays enter by the top. Formerly points of slivers had up to 27 times the mean pressure,
+    a wrong warning was given, and for other overhangs no step was small enough.
     """
     plate = Body(box(WORLD, (8, 6, 2), "hexahedron", (0, 0, -0.5), (2, 1.5, 0)), stiffness=1e3)
     block = Body(

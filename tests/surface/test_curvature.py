@@ -1,4 +1,4 @@
-"""Curvature of surfaces, found from how their facets turn."""
+"""Curvature of surfaces from the angles between neighbouring facets."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def tensors(surface):
-    """K of this rank's facets, shape (facets, 3, 3). Collective."""
+    """Return K of the facets of this rank, shape (facets, 3, 3). Collective."""
     K = np.asarray(_cpp.facet_curvature(surface.cpp_object))
     out = np.zeros((len(K), 3, 3))
     for value, (i, j) in zip(K.T, PLACES, strict=True):
@@ -22,7 +22,7 @@ def tensors(surface):
 
 
 def in_all_directions(surface, K):
-    """e·K e over |e|² and lines e between the vertices of facets, shape (lines, facets)."""
+    """Return e·K e over |e|² for lines e between facet vertices, shape (lines, facets)."""
     x = surface.coordinates[0]
     pairs = [(i, j) for i in range(x.shape[1]) for j in range(i)]
     lines = [x[:, i] - x[:, j] for i, j in pairs]
@@ -35,7 +35,7 @@ def body(n, cell="quadrilateral", **options):
 
 @pytest.mark.parametrize("uneven", (0.0, 0.4))
 def test_circle(uneven):
-    """Of facets of any length, convex from inside and concave from outside."""
+    """A circle has its curvature for facets of any length: convex inside, concave outside."""
     inside = body((16, 2), uneven=uneven)
     for facets, expected in ((inside.outer, 1 / R), (inside.inner, -1 / 5.0)):
         surface = inside.surface(facets)
@@ -46,7 +46,7 @@ def test_circle(uneven):
 @pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
 @pytest.mark.parametrize("uneven", (0.0, 0.3))
 def test_sphere(cell, uneven):
-    """The same in all directions, to O(h), also where the surface ends."""
+    """A sphere has the same curvature in all directions, to O(h), also at the surface's end."""
     errors = []
     for n in (6, 12):
         surface = (part := body((n, n, 1), cell, sphere=True, uneven=uneven)).surface(part.outer)
@@ -59,7 +59,7 @@ def test_sphere(cell, uneven):
 @pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
 @pytest.mark.parametrize("along", (1, 5))
 def test_cylinder(cell, along):
-    """Curved around the axis alone, also if there is but one facet along it."""
+    """A cylinder is curved around its axis only, also with a single facet along the axis."""
     surface = (part := body((12, along, 1), cell)).surface(part.outer)
     x = surface.coordinates[0].mean(axis=1)
     around = np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]])
@@ -70,7 +70,7 @@ def test_cylinder(cell, along):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_creases_and_planes_are_not_curved(cell):
-    """All sides of a block as one surface."""
+    """Sharp edges and planes have no curvature: all sides of a block as one surface."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     V = vector_space(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     sides = [plane(V.mesh, axis, value) for axis in range(gdim) for value in (0.0, 1.0)]
@@ -80,13 +80,13 @@ def test_creases_and_planes_are_not_curved(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_flat_beside_a_fillet(cell):
-    """Facets that touch a fillet stay flat; its own have its curvature but the outermost."""
+    """Flat facets next to a fillet stay flat; all fillet facets but the outermost are curved."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     n, radius = 24, 2.0
     V = vector_space(box(WORLD, [n] + [4] * (gdim - 1), cell, [0.0] * gdim, [1.0] * gdim))
     top = plane(V.mesh, gdim - 1, 1.0)
     x = V.mesh.geometry.x
-    length = 3.0 * x[:, 0]  # flat to 1.5, then along the fillet
+    length = 3.0 * x[:, 0]  # flat up to 1.5, then along the fillet
     angle = np.maximum(length - 1.5, 0.0) / radius
     depth = 1 - x[:, gdim - 1]
     at = np.minimum(length, 1.5) + (radius - depth) * np.sin(angle)
@@ -95,7 +95,7 @@ def test_flat_beside_a_fillet(cell):
     surface = qs.Surface(V, facets=top)
     K, corners = tensors(surface), surface.coordinates[0]
     flat = corners[:, :, 0].max(axis=1) < 1.5 + 1e-9
-    if gdim == 3:  # where the surface ends, a facet knows of one side alone
+    if gdim == 3:  # at the end of the surface a facet has neighbours on one side only
         y = corners[:, :, 1]
         flat &= (y.min(axis=1) > 1e-9) & (y.max(axis=1) < 1 - 1e-9)
     beyond = corners[:, :, 0].min(axis=1) > 1.5 + 1e-9
@@ -107,7 +107,7 @@ def test_flat_beside_a_fillet(cell):
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
 def test_any_partition(cell):
-    """The same tensors at the same places."""
+    """Every partition gives the same tensors at the same places."""
     n = (12, 3) if cell == "quadrilateral" else (8, 3, 2)
     found = []
     for partition in ("first", "scattered", "backward"):

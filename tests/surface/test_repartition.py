@@ -1,4 +1,4 @@
-"""Meshes cut across the contact: the same cells and tags, evenly shared."""
+"""Meshes repartitioned across the contact: the same cells and tags, evenly distributed."""
 
 import numpy as np
 import pytest
@@ -13,20 +13,20 @@ CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
 def integral(msh, f, measure):
-    """Of an expression of the coordinates, over all ranks."""
+    """Return the integral of an expression of the coordinates over all ranks."""
     x = ufl.SpatialCoordinate(msh)
     return WORLD.allreduce(fem.assemble_scalar(fem.form(f(x) * measure)))
 
 
 def moments(msh, tags):
-    """Integrals over cells and tagged facets that tell meshes apart."""
+    """Return integrals over cells and tagged facets that differ between meshes."""
     ds = ufl.Measure("ds", domain=msh, subdomain_data=tags)
     dx = ufl.Measure("dx", domain=msh)
     return [integral(msh, lambda x: ufl.exp(x[0] - x[1]), m) for m in (dx, ds(1), ds(2))]
 
 
 def tagged(msh):
-    """Tags of two sides."""
+    """Make tags of two sides."""
     sides = [plane(msh, 1, value) for value in (0.0, 1.0)]
     indices = np.concatenate(sides)
     values = np.repeat([1, 2], [len(side) for side in sides]).astype(np.int32)
@@ -40,7 +40,7 @@ def tagged(msh):
 @pytest.mark.parametrize("degree", (1, 2, 3))
 @pytest.mark.parametrize("cell", CELLS)
 def test_the_same_mesh(cell, degree, partition):
-    """Also of curved cells; each rank has as many as the others, and as much of the surface."""
+    """The mesh is the same, also with curved cells; cells and surface are evenly distributed."""
     dim = CELLS[cell]
     msh = box(WORLD, [6] * dim, cell, [0.0] * dim, [1.0] * dim, partition)
     if degree > 1:
@@ -59,7 +59,7 @@ def test_the_same_mesh(cell, degree, partition):
 
 
 def test_other_tags():
-    """Of cells, as floats, and of edges that ranks share."""
+    """Tags of cells, as floats, and of edges that ranks share, are transferred."""
     msh = box(WORLD, [3, 3, 3], "tetrahedron", [0.0] * 3, [1.0] * 3)
     tdim = msh.topology.dim
     cells = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
@@ -78,7 +78,7 @@ def test_other_tags():
 
 @pytest.mark.parametrize("ghosts", ("none", "shared_facet"))
 def test_ranks_without_cells(ghosts):
-    """Every facet keeps its tag with fewer cells than ranks, also where ghosts had tags."""
+    """With fewer cells than ranks every facet keeps its tag, also where ghosts had tags."""
     msh = mesh.create_unit_square(
         WORLD, 2, 1, mesh.CellType.quadrilateral, ghost_mode=mesh.GhostMode[ghosts]
     )
@@ -94,14 +94,14 @@ def test_ranks_without_cells(ghosts):
 
 
 def place(msh, facets):
-    """Numbers that tell facets apart by where they are."""
+    """Return numbers that identify facets by their position."""
     msh.topology.create_connectivity(1, 2)
     middles = mesh.compute_midpoints(msh, 1, facets) if len(facets) else np.zeros((0, 3))
     return np.rint(100 * middles @ [1.0, 7.0, 0.0]).astype(np.int32)
 
 
 def test_contact_is_shared():
-    """The same forces as before, from points of all ranks."""
+    """The forces are the same as before, from contact quadrature points of all ranks."""
     forces = []
     for cut in (False, True):
         bodies = []

@@ -1,4 +1,4 @@
-"""Surfaces: nodal areas, normals, spaces they can be made in."""
+"""Surfaces: nodal areas, normals, and the function spaces that they support."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,7 +26,7 @@ def wavy(cell, partition=None, comm=WORLD):
 @pytest.mark.parametrize("partition", PARTITIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_nodal_areas_and_normals(cell, partition):
-    """S_k = ∫ N_k ds and the weighted normals, against DOLFINx's own integrals."""
+    """S_k = ∫ N_k ds and the weighted normals agree with integrals of DOLFINx."""
     msh, facets = wavy(cell, partition)
     V = vector_space(msh)
     surface = qs.Surface(V, facets=facets)
@@ -44,8 +44,8 @@ def test_nodal_areas_and_normals(cell, partition):
     normal = assemble(ufl.inner(ufl.FacetNormal(msh), v))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     total = WORLD.allreduce(area.sum())
-    surface_area = surface.area  # all collective calls come before what may fail on one rank
-    # On a bilinear facet neither rule is exact.
+    surface_area = surface.area  # all collective calls precede what may fail on one rank
+    # On a bilinear facet neither quadrature rule is exact.
     tolerance = 1e-4 if cell == "hexahedron" else 1e-13
     np.testing.assert_allclose(surface.node_area, area, rtol=tolerance)
     np.testing.assert_allclose(
@@ -56,7 +56,7 @@ def test_nodal_areas_and_normals(cell, partition):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_node_positions(cell):
-    """node_x belongs to node_dofs."""
+    """node_x has the positions of node_dofs."""
     msh, facets = wavy(cell)
     V = vector_space(msh)
     surface = qs.Surface(V, facets=facets)
@@ -68,7 +68,7 @@ def test_node_positions(cell):
 
 
 def test_facets_named_by_any_rank():
-    """Tags, indices with and without ghosts, and indices on one rank only give the same surface."""
+    """Tags, indices with or without ghosts, and indices on one rank give the same surface."""
     msh, facets = wavy("tetrahedron")
     V = vector_space(msh)
     owned = msh.topology.index_map(2).size_local
@@ -103,7 +103,7 @@ def spaces(msh):
 @pytest.mark.parametrize("cell", ("triangle", "tetrahedron"))
 @pytest.mark.parametrize("name", ("P1 with bubble", "first of mixed", "last of mixed", "MINI"))
 def test_other_spaces(cell, name):
-    """Same nodes and areas as in P1; unknowns where the space keeps them."""
+    """Nodes and areas are those of P1; unknowns are those of the given space."""
     msh, facets = wavy(cell)
     V = spaces(msh)[name]
     surface, reference = qs.Surface(V, facets=facets), qs.Surface(vector_space(msh), facets=facets)
@@ -111,7 +111,7 @@ def test_other_spaces(cell, name):
     for s in (surface, reference):
         table = gathered(WORLD, np.column_stack([s.node_x, s.node_area]))
         tables.append(table[np.lexsort(np.round(table[:, :3], 9).T)])
-    # A function made from nodal values takes these values at the nodes.
+    # A function made from nodal values has these values at the nodes.
     values = surface.node_x[:, : msh.geometry.dim] ** 2 + 1
     u = surface.function(values)
     ds = ufl.Measure("ds", domain=msh)
@@ -148,7 +148,7 @@ def test_update_follows_the_mesh():
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_update_is_a_new_surface(cell):
-    """Bit by bit, also where a reflection turns the facets over."""
+    """An update equals a new surface bit by bit, also where a reflection reverses the facets."""
     msh, facets = wavy(cell, "scattered")
     updated = qs.Surface(vector_space(msh), facets=facets)
     x = msh.geometry.x
@@ -161,7 +161,7 @@ def test_update_is_a_new_surface(cell):
     outward = new.node_normal[:, 0]
     for name, (a, b) in pairs.items():
         np.testing.assert_array_equal(a, b, err_msg=name)
-    assert (outward < 0).all()  # the face x = 1 is now x = -1.5
+    assert (outward < 0).all()  # the face x = 1 is x = -1.5 after the reflection
 
 
 def test_same_on_any_number_of_ranks():
@@ -177,7 +177,7 @@ def test_same_on_any_number_of_ranks():
 
 
 def test_surfaces_on_some_of_the_ranks():
-    """What some ranks do by themselves does not disturb what all do later."""
+    """Operations on some of the ranks do not disturb later collective operations."""
     for comm in (MPI.COMM_SELF, WORLD):
         if comm is WORLD or WORLD.rank == 0:
             msh = box(comm, [3, 3, 3], "tetrahedron", [0, 0, 0], [1, 1, 1])

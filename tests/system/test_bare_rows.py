@@ -1,4 +1,4 @@
-"""Forms over a part of a mesh: unknowns outside of it have to be held, and then do not matter."""
+"""Forms over a part of a mesh: unknowns outside of it must be held, and then have no effect."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ MODULUS = 100.0
 
 
 def problem(material, part="half", held=False, solver="direct"):
-    """A block's lower half, pressed on a floor; the upper one has no stiffness, or is not there."""
+    """Press the lower half of a block on a floor; the upper half has no stiffness or no form."""
     height = 0.5 if part == "alone" else 1.0
     count = 3 if part == "alone" else 6
     msh = box(WORLD, (6, count), "quadrilateral", [0.0, 0.0], [1.0, height])
@@ -49,7 +49,7 @@ def problem(material, part="half", held=False, solver="direct"):
     "material, part", [("linear", "half"), ("neo", "half"), ("linear", "zero")]
 )
 def test_free_unknowns_without_equations(material, part):
-    """The error counts them, says where they are and what helps; u stays, and it is said again."""
+    """The error names number, place and remedy; u does not change, and the error is repeated."""
     case = problem(material, part)
     for _ in range(2):
         raises_everywhere(
@@ -61,7 +61,7 @@ def test_free_unknowns_without_equations(material, part):
 @pytest.mark.parametrize("material", ("linear", "neo"))
 @pytest.mark.parametrize("solver", ("direct", "amg", "fieldsplit"))
 def test_held_ones_do_not_matter(material, solver):
-    """The force is that of the lower half alone."""
+    """Held unknowns have no effect: the force is that of the lower half alone."""
     case, alone = problem(material, held=True, solver=solver), problem(material, "alone")
     for each in (case, alone):
         each.solve()

@@ -1,4 +1,4 @@
-"""R(z) of bodies, multipliers and tools as one system: its derivative, and that it is pure."""
+"""R(z) of bodies, multipliers and tools as one system: its derivative, and no side effects."""
 
 from petsc4py import PETSc
 
@@ -31,7 +31,7 @@ SOFT_POINTS = SOFT | {"quadrature": "overlay", "constraints": "points"}
 
 
 def away(equations, seed=0, size=0.02):
-    """Unknowns of no order, the same on any number of ranks only by their statistics."""
+    """Return random unknowns; only their statistics agree on different numbers of ranks."""
     rng = np.random.default_rng((seed, WORLD.rank))
     scale = np.ones(equations.num_local)
     bodies = equations.bodies_of(scale)
@@ -45,7 +45,7 @@ def away(equations, seed=0, size=0.02):
 
 
 def errors(equations, z, scale, exact=True, seed=1, of=lambda values: values):
-    """By how much the tangent and differences of the residual, or parts of them, disagree."""
+    """Return errors between the tangent and differences of the residual, or parts of them."""
     matrix, rng = equations.tangent(z, exact), np.random.default_rng((seed, WORLD.rank))
     direction = scale * rng.uniform(-1, 1, len(z))
     for i, body in enumerate(equations.system.bodies):
@@ -96,7 +96,7 @@ def test_derivative(law, cell, space, options, penalty):
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("law", ("tresca", "norton"))
 def test_derivative_on_the_edge_of_contact(law, cell, options):
-    """Where all rows have part of friction that jumps."""
+    """The derivative is right where all constraints have a part of friction that jumps."""
     friction = {"friction": LAWS[law]()} | ({"dt": 0.5} if law == "norton" else {})
     pair = Pair(cell, contact_options=options | NODES | friction, wave=0.02)
     _, equations = equations_of(pair)
@@ -110,7 +110,7 @@ def test_derivative_on_the_edge_of_contact(law, cell, options):
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 @pytest.mark.parametrize("law", ("tresca", "norton"))
 def test_derivative_on_the_edge_of_points(law, cell, options, monkeypatch):
-    """There friction that jumps is a multiple of the pressure."""
+    """At points on the edge of contact, friction that jumps is a multiple of the pressure."""
     monkeypatch.setattr("qsdolfinx.friction.slip.STEEP", 0.01)
     friction = {"friction": LAWS[law]()} | ({"dt": 0.5} if law == "norton" else {})
     pair = Pair(cell, contact_options=options | friction, wave=0.02)
@@ -131,7 +131,7 @@ def test_derivative_on_the_edge_of_points(law, cell, options, monkeypatch):
 
 
 def test_function_of_its_arguments_alone():
-    """To be elsewhere in between changes nothing but the order of sums over ranks."""
+    """Evaluations elsewhere in between change only the order of sums over ranks."""
     pair = Pair("triangle", contact_options=EXACT | {"friction": LAWS["coulomb"]()}, wave=0.02)
     _, equations = equations_of(pair)
     z, scale = away(equations)
@@ -145,7 +145,7 @@ def test_function_of_its_arguments_alone():
 @pytest.mark.parametrize("law", (None, "coulomb", "tresca", "sticking"))
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
 def test_driven_tool(cell, law):
-    """The tool's own row, and what its displacement changes."""
+    """The tool's own equation, and the derivatives by its displacement, are right."""
     pair = Pair(cell)
     gdim, up = pair.gdim, np.eye(pair.gdim)[-1]
     tool = qs.RigidSurface.plane(WORLD, np.zeros(gdim), -up)
@@ -169,7 +169,7 @@ def test_driven_tool(cell, law):
 @pytest.mark.parametrize("tied", (False, True))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_held_on_both_sides(cell, tied):
-    """Multipliers of nodes that conditions hold on both sides are means of those around."""
+    """Redundant multipliers, at nodes held on both sides, are means of their neighbours."""
     pair = Pair(cell, law=qs.Tied() if tied else None, contact_options=EXACT)
     for i in range(2):
         pair.bcs[i].append(clamp(pair.V[i], plane(pair.meshes[i], 0, 0.0)))
@@ -181,7 +181,7 @@ def test_held_on_both_sides(cell, tied):
 
 @pytest.mark.parametrize("law", (None, "coulomb"))
 def test_ties_and_passes(law):
-    """Ties, and both passes of a contact that pairs twice."""
+    """The derivative is right for ties and for both integration sides."""
     friction = {} if law is None else {"friction": LAWS[law]()}
     for formulation, options in (
         ("double-pass", SOFT | friction),
@@ -195,7 +195,7 @@ def test_ties_and_passes(law):
 
 
 def test_unknowns_of_another_pairing():
-    """After contact has paired again the equations are new ones; wrong shapes are refused."""
+    """After a contact update at rest the new equations agree; wrong shapes are refused."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
     problem = pair.problem()
     z = problem.equations().first()
@@ -206,7 +206,7 @@ def test_unknowns_of_another_pairing():
 
 
 def test_what_the_caller_gives():
-    """Refused on all ranks: another shape on one of them, what is not finite, what is of before."""
+    """Wrong shapes on one rank, values not finite and outdated equations are refused everywhere."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
     problem = pair.problem(solver="direct")
     problem.solve()
@@ -227,7 +227,7 @@ def test_what_the_caller_gives():
 
 
 class Softened(qs.Unilateral):
-    """A user's own law."""
+    """User-defined contact law."""
 
     def multiplier(self, gap, penalty):
         return 0.5 * super().multiplier(gap, penalty)
@@ -239,7 +239,7 @@ class Softened(qs.Unilateral):
 @pytest.mark.parametrize("law", (None, "coulomb", "norton"))
 @pytest.mark.parametrize("options", (SOFT, SOFT_POINTS, EXACT, POINTS))
 def test_derivative_of_the_users_own(options, law):
-    """Of laws that the library does not know, with unknowns of their own or without."""
+    """The derivative is right for user-defined laws with and without their own unknowns."""
     friction = {} if law is None else {"friction": LAWS[law]()}
     if law == "norton":
         friction["dt"] = 0.5
@@ -250,9 +250,9 @@ def test_derivative_of_the_users_own(options, law):
 
 @pytest.mark.parametrize("options", (SOFT | NODES, SOFT_POINTS, SOFT | {"sliding": "finite"}))
 def test_laws_of_the_users_own(options):
-    """Forces are those of a law that is the same."""
+    """A user-defined law gives the forces of an equal built-in law."""
     forces = []
-    soft = 0.25 if "sliding" in options else 1.0  # at points stiffer ones have multipliers, too
+    soft = 0.25 if "sliding" in options else 1.0  # stiffer points have multipliers, too
     for law, penalty in ((Softened(), 8.0 * soft), (qs.Unilateral(), 4.0 * soft)):
         pair = Pair("triangle", law=law, penalty=penalty, contact_options=options, wave=0.02)
         pair.problem(solver="direct").solve()
@@ -261,7 +261,7 @@ def test_laws_of_the_users_own(options):
 
 
 def test_loads_of_now():
-    """R is that of the present loads, also where it was evaluated before."""
+    """R uses the present loads, also where it was evaluated before."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
     load = fem.Constant(pair.meshes[1], 1.0)
     pair.F[1] += load * ufl.TestFunction(pair.V[1])[0] * ufl.dx
@@ -274,7 +274,7 @@ def test_loads_of_now():
 
 
 def test_accepting_is_a_step():
-    """Friction's history goes on as by problem.solve(), without a word of one_step()."""
+    """Accepting a solution advances friction's history like problem.solve(), without one_step()."""
     energies = []
     for own in (True, False):
         pair = Pair("triangle", contact_options=EXACT | {"friction": qs.Coulomb(0.2)}, load=-0.05)
@@ -294,7 +294,7 @@ def test_accepting_is_a_step():
 
 
 def _newton(equations):
-    """A solution, by full steps."""
+    """Return a solution, found with full Newton steps."""
     z = equations.first()
     ksp = PETSc.KSP().create(WORLD)
     ksp.setType("preonly")

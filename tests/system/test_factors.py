@@ -1,4 +1,4 @@
-"""Contact in factors, Lᵀ W R, against contact's blocks as they are inserted."""
+"""Contact in factors, Lᵀ W R, against the assembled contact blocks."""
 
 from petsc4py import PETSc
 
@@ -32,7 +32,7 @@ def waves(vec, factor):
 
 
 def pressed(cell, formulation, name):
-    """Two blocks on wavy surfaces, dragged, with some rows open."""
+    """Press and drag two blocks with wavy surfaces, so that some constraints are open."""
     options = {"enforcement": "penalty"} | OPTIONS[name]()
     law = qs.Tied() if name == "tied" else qs.Unilateral()
     pair = Pair(cell, formulation, law, n=(5, 4), wave=0.05, contact_options=options)
@@ -43,7 +43,7 @@ def pressed(cell, formulation, name):
 
 
 def compare(problem):
-    """Largest relative differences: product, transpose, diagonal, formed, coarse; closed rows."""
+    """Return largest relative differences: product, transpose, diagonal, formed, coarse; active."""
     system = problem.system
     of = system.bodies, system.contacts, system.sides
     bulk = [body.matrix() for body in system.bodies]
@@ -83,7 +83,7 @@ def compare(problem):
 
 
 def aggregates(matrix):
-    """A matrix from a third as many unknowns, each of which moves three."""
+    """Return a matrix with a third as many unknowns, each of which moves three."""
     own = matrix.getLocalSize()[0]
     coarse = -(-own // 3)
     first = WORLD.exscan(coarse) or 0
@@ -104,7 +104,7 @@ def test_factors(cell, formulation, name):
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.2)))
 def test_velocities(friction):
-    """Columns are times the displacement per unknown."""
+    """Columns are multiplied by the displacement per unknown."""
     bodies = [flow_body("triangle", 6, 0.0), elastic_body("triangle", 5)]
     problem = problem_of(bodies, "direct", friction)
     problem.solve()
@@ -114,7 +114,7 @@ def test_velocities(friction):
 
 
 def test_rigid_tool():
-    """No columns of a master without unknowns."""
+    """A master without unknowns, such as a rigid tool, has no columns."""
     pair = Pair("hexahedron")
     plane = qs.RigidSurface.plane(WORLD, [0, 0, 0.02], [0, 0, 1])
     contact = qs.Contact(pair.slave, plane, penalty=30.0, friction=qs.Coulomb(0.3))
@@ -126,7 +126,7 @@ def test_rigid_tool():
 
 
 def test_friction_at_points():
-    """Of which a direct solver and multigrid find the same."""
+    """With friction at points, a direct solver and multigrid give the same result."""
     options = {"constraints": "points", "friction": qs.Coulomb(0.2)}
     results = []
     for solver in ("direct", "amg"):

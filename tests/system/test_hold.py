@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, and that may slide or spin between frictionless tools."""
+"""Bodies supported by contact only, which may slide or spin between frictionless tools."""
 
 import numpy as np
 import pytest
@@ -19,11 +19,11 @@ DEPTH, E, NU = 0.02, 3.0, 0.3
 
 
 class Pressed:
-    """An elastic block without any Dirichlet condition between two rigid planes.
+    """Elastic block without any Dirichlet condition between two rigid planes.
 
     Args:
         force: Body force.
-        wavy: Whether its upper face is curved, so that it is not in contact everywhere.
+        wavy: Whether the upper face is curved, so that it is only partly in contact.
     """
 
     def __init__(self, cell, force=None, wavy=False, **options):
@@ -54,7 +54,7 @@ class Pressed:
         return np.array([c.force("slave") for c in self.contacts])
 
     def strains(self):
-        """Strains of the cells this rank owns."""
+        """Return the strains of the cells owned by this rank."""
         space = fem.functionspace(self.mesh, ("DG", 0, (self.gdim, self.gdim)))
         points = interpolation_points(space)
         out = fem.Function(space)
@@ -65,7 +65,7 @@ class Pressed:
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_uniform(cell):
-    """Uniaxial stress; 1/ε of both contacts is in series with the block."""
+    """Stress is uniaxial; 1/ε of both contacts is in series with the block."""
     case = Pressed(cell, enforcement="penalty")
     case.problem.solve()
     assert case.problem.num_iterations <= 6
@@ -101,7 +101,7 @@ def test_shift_does_not_matter(cell, enforcement, monkeypatch):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_free_motions(cell):
-    """Sliding, in 3D along two axes, and spinning; all motions while nothing is in contact."""
+    """Free motions: sliding, in 3D along two axes, and spinning; without contact all motions."""
     case = Pressed(cell)
     case.problem.set_up()
     assert count_free(case.problem, [np.zeros(case.gdim)]) == (3 if case.gdim == 2 else 6)
@@ -129,7 +129,7 @@ def count_free(problem, start=None):
 
 
 def changes_by_shift(problem, monkeypatch):
-    """What a large shift changes in the tangent, for each body, relative to a product with it."""
+    """Return each body's relative change of a product with the tangent under a large shift."""
     system, products = problem.system, []
     a = system.x.duplicate()
     a.array[:] = np.sin(np.arange(len(a.array)) + 1.0)
@@ -143,19 +143,19 @@ def changes_by_shift(problem, monkeypatch):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_supported_bodies_get_no_shift(held, monkeypatch):
-    """The matrix is the same without any of this where conditions or closed contacts hold."""
+    """Conditions or closed contacts support bodies: the stabilisation leaves the matrix as is."""
     law = qs.Tied() if held else qs.Unilateral()
     pair = Pair("triangle", law=law)
     if held:
         problem = qs.ContactProblem(pair.F, pair.u, [pair.contact], [pair.bcs[0], []])
-    else:  # conditions on both bodies: contact need not hold anything
+    else:  # with conditions on both bodies contact need not support any
         problem = pair.problem()
     problem.solve()
     assert max(changes_by_shift(problem, monkeypatch)) < 1e-12
 
 
 def test_only_the_body_that_moves_gets_a_shift(monkeypatch):
-    """The die under a sliding block stays as it is, so that it is the same as ever."""
+    """Only the sliding block gets a shift; the die below has its usual matrix."""
     case = Upset(die=True, held=False)
     case.problem.solve()
     block, die = changes_by_shift(case.problem, monkeypatch)
@@ -163,7 +163,7 @@ def test_only_the_body_that_moves_gets_a_shift(monkeypatch):
 
 
 def test_viscous_block_without_conditions():
-    """Flows as the one that is held, but for where it slides."""
+    """A viscous block without conditions flows like a held one, except for its sliding."""
     found = []
     for held in (True, False):
         case = Upset(held=held, dt=0.05)
@@ -177,7 +177,7 @@ def test_viscous_block_without_conditions():
 
 @pytest.mark.parametrize("cell", ["triangle", "tetrahedron"])
 def test_load_that_nothing_balances(cell):
-    """Pushed sideways without friction: no solution, no hang, and nothing is changed."""
+    """A sideways load without friction has no solution: the solve ends and changes nothing."""
     case = Pressed(cell, force=[0.1, 0.0, 0.0])
     case.u.interpolate(lambda x: 0.001 * x[: case.gdim])
     before = case.u.x.array.copy()

@@ -1,4 +1,4 @@
-"""Forms with several quadrature rules: those accepted have the residuals of their parts."""
+"""Forms with several quadrature rules: accepted forms have the sum of the parts' residuals."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ CELLS = {"triangle": mesh.CellType.triangle, "quadrilateral": mesh.CellType.quad
 
 
 def parts(cell, degree):
-    """Two integrands of nearly incompressible rubber, in a state, and the unknown."""
+    """Make two integrands of nearly incompressible rubber at a state, and the unknown."""
     msh = mesh.create_unit_square(WORLD, 3, 3, CELLS[cell])
     V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -25,14 +25,14 @@ def parts(cell, degree):
 
 
 def apart(msh):
-    """Measures of all cells, twice."""
+    """Make two measures that both cover all cells."""
     cells = np.arange(msh.topology.index_map(2).size_local, dtype=np.int32)
     dx = ufl.Measure("dx", msh, subdomain_data=[(1, cells), (2, cells)])
     return dx(1), dx(2)
 
 
 def differences(forms, u):
-    """Residual and tangent of the sum against the sum of those of the parts."""
+    """Return differences of residual and tangent between the sum and the separate parts."""
     out = []
     for turn in (lambda form: form, lambda form: ufl.derivative(form, u)):
         rank = len(turn(forms[0]).arguments())
@@ -68,7 +68,7 @@ def test_accepted_forms_are_the_sum_of_their_parts(cell, degree, rules, wrong):
 
 
 def test_rules_elsewhere_do_not_matter():
-    """Cells of their own, facets, and one rule that is everywhere."""
+    """Rules on separate cells, on facets, or one rule everywhere, are accepted."""
     (f, g), u = parts("quadrilateral", 1)
     dx, _ = apart(u.function_space.mesh)
     pressed = ufl.inner(u, ufl.TestFunction(u.function_space))
@@ -80,7 +80,7 @@ def test_rules_elsewhere_do_not_matter():
 
 
 def facet_forms(msh):
-    """A pressure and a spring, with a rule each."""
+    """Make a pressure and a spring with different rules."""
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     u.interpolate(lambda x: 0.05 * np.array([np.sin(3 * x[0] * x[1]), np.cos(2 * x[0] + x[1])]))
@@ -99,7 +99,7 @@ def test_facets(rules, wrong):
 
 
 def test_two_rules_of_one_degree():
-    """Points at the vertices are of degree 1, too."""
+    """Points at the vertices also have degree 1."""
     _, spring, _ = facet_forms(mesh.create_unit_square(WORLD, 3, 3))
     vertices = ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
     assert mixes_one_point(spring * vertices + 2 * spring * ufl.dx(degree=1))

@@ -1,4 +1,4 @@
-"""Rigid modes that the matrices carry for multigrid are motions without any strain."""
+"""Rigid modes attached to the matrices for multigrid are motions without strain."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 def quadratic_space(msh):
-    """P2 or Q2 displacements."""
+    """Make a space of P2 or Q2 displacements."""
     return fem.functionspace(msh, ("Lagrange", 2, (msh.geometry.dim,)))
 
 
@@ -21,7 +21,7 @@ def quadratic_space(msh):
     + [("triangle", mini_space), ("tetrahedron", mini_space)],
 )
 def test_no_strain(cell, space, kind):
-    """K times a mode is nothing, for a body that nothing holds, and they are orthonormal."""
+    """K times a mode is zero for an unsupported body, and the modes are orthonormal."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     msh = box(WORLD, [2, 3, 2][:gdim], cell, [0.3] * gdim, [1.0, 2.0, 1.5][:gdim], "scattered")
     u = fem.Function(space(msh))
@@ -35,6 +35,6 @@ def test_no_strain(cell, space, kind):
     image = K.createVecLeft()
     for i, mode in enumerate(modes):
         K.mult(mode, image)
-        assert image.norm() < 1e-8 * K.norm()  # less what keeps the tangent regular
+        assert image.norm() < 1e-8 * K.norm()  # except for the tangent's regularisation
         products = [mode.dot(other) for other in modes]
         np.testing.assert_allclose(products, np.eye(len(modes))[i], atol=1e-12)

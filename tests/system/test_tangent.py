@@ -25,7 +25,7 @@ KINDS = allowed(FORMULATIONS, OPTIONS)
 
 
 def scene(cell, formulation, law, amplitude=0.05, options=None):
-    """Curved surfaces with some rows open, some closed, and random displacements."""
+    """Make curved surfaces with random displacements, some constraints open and some closed."""
     n = (3, 2) if cell in ("tetrahedron", "hexahedron") else (12, 9)
     pair = Pair(cell, formulation, law(), n=n, wave=0.05, contact_options=options)
     problem = pair.problem()
@@ -48,7 +48,7 @@ def test_finite_differences(cell, formulation, law, options):
 
     product, nested = d.duplicate(), d.duplicate()
     problem.system.matrix.mult(d, product)
-    problem.blocks.nest.mult(d, nested)  # contact alone
+    problem.blocks.nest.mult(d, nested)  # contact only
     parts = problem.system.parts(d.array_r), problem.system.parts(nested.array)
     for body, given, sums in zip(problem.bodies, *parts, strict=True):
         part, force = body.create_vec(), body.create_vec()
@@ -63,9 +63,9 @@ def test_finite_differences(cell, formulation, law, options):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", CELLS)
 def test_symmetry(cell, formulation, law):
-    """The matrix is symmetric, Dirichlet conditions on contact nodes included."""
+    """The matrix is symmetric, with Dirichlet conditions on contact nodes included."""
     pair = Pair(cell, formulation, law(), n=(3, 2), wave=0.05)
-    # Conditions on the edge of the contact surface, not on the far sides only.
+    # Conditions on the edge of the contact surface, not only on the far sides.
     for V, msh, bcs in zip(pair.V, pair.meshes, pair.bcs, strict=True):
         bcs.append(slide(V, 0, plane(msh, 0, 0.0), 0.01))
     problem = pair.problem()
@@ -92,7 +92,7 @@ def test_symmetry(cell, formulation, law):
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize("cell", ("tetrahedron", "quadrilateral"))
 def test_forces_derive_from_the_energy(cell, formulation, law):
-    """Contact residual in a direction = derivative of Φ."""
+    """The contact residual in a direction is the derivative of Φ."""
     pair, problem, x, d = scene(cell, formulation, law)
     step = 1e-6
 
@@ -129,7 +129,7 @@ def test_energy_of_a_uniform_gap(formulation):
 
 
 def test_tangent_where_the_residual_was_not_evaluated():
-    """PETSc may ask for the tangent anywhere."""
+    """The tangent is right without an evaluation of the residual there, as PETSc may request."""
     _, problem, x, d = scene("quadrilateral", "quasi-symmetric", qs.Unilateral)
     matrix = problem.snes.getJacobian()[0]
     y = x + d
