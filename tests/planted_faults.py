@@ -44,7 +44,7 @@ FAULTS = [
         "block_[r * n + c] = scale_[c] * H[",
         "block_[r * n + c] = H[",
         "curvature of velocity-based bodies that finite sliding follows lacks Δt",
-        ("tests/sliding/test_finite_steps.py",),
+        ("tests/sliding/test_tangent.py",),
     ),
     Fault(
         "one diagonal for all",

@@ -79,6 +79,15 @@ def test_friction(cell, state):
     assert errors(equations, *state(equations)) < 1e-7
 
 
+@pytest.mark.parametrize("options", ({"friction_penalty": 30.0}, {"unknown": "velocity", "dt": 0.5}))
+def test_factors(options):
+    """Equations of slips have a factor of their own, and velocities count times the step."""
+    options |= {"sliding": "finite", "friction": qs.Coulomb(0.3)}
+    pair = Pair("triangle", contact_options=options, wave=0.02)
+    _, equations = equations_of(pair)
+    assert errors(equations, *closed_in_part(equations)) < 1e-7
+
+
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_round_tool(cell, friction):

@@ -44,8 +44,19 @@ def away(equations, seed=0, size=0.02):
     return scale * rng.uniform(-1, 1, equations.num_local), scale
 
 
-def errors(equations, z, scale, exact=True, seed=1, of=lambda values: values):
-    """Return errors between the tangent and differences of the residual, or parts of them."""
+def of_groups(equations, values):
+    """Forces of the bodies, equations of λ and of τ, and of tools, apart: their sizes differ."""
+    groups = [equations.bodies_of(values)]
+    for multipliers in equations.multipliers(values):
+        groups += [part for part in multipliers if part is not None]
+    return [*groups, equations.displacements(values)]
+
+
+def errors(equations, z, scale, exact=True, seed=1, of=None):
+    """Largest error of the tangent against differences of the residual, relative to its group.
+
+    Groups are those of `of_groups`, or the part of the values that `of` selects.
+    """
     matrix, rng = equations.tangent(z, exact), np.random.default_rng((seed, WORLD.rank))
     direction = scale * rng.uniform(-1, 1, len(z))
     for i, body in enumerate(equations.system.bodies):
@@ -57,7 +68,12 @@ def errors(equations, z, scale, exact=True, seed=1, of=lambda values: values):
     ahead, behind = (equations.residual(z + sign * step * direction) for sign in (1, -1))
     difference = (ahead - behind) / (2 * step)
     equations.residual(z)
-    return largest(of(y.array_r - difference)) / largest(of(difference))
+    error = y.array_r - difference
+    if of is not None:
+        return largest(of(error)) / largest(of(difference))
+    groups = (of_groups(equations, values) for values in (error, difference))
+    sizes = [(largest(e), largest(d)) for e, d in zip(*groups, strict=True)]
+    return max(e / d for e, d in sizes if d > 0)
 
 
 def equations_of(pair):
@@ -162,8 +178,8 @@ def test_driven_tool(cell, law):
         and len(equations.tools) == 1
     )
     if law == "tresca":
-        z, scale = on_edge(equations, z), 1e-3 * scale
-    assert errors(equations, z, scale) < (1e-6 if law == "tresca" else 1e-7)
+        z, scale = on_edge(equations, z), 1e-3 * scale  # differences of the force keep 5 digits
+    assert errors(equations, z, scale) < (5e-5 if law == "tresca" else 1e-7)
 
 
 @pytest.mark.parametrize("tied", (False, True))
