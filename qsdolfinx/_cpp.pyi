@@ -5,7 +5,7 @@ import numpy
 import numpy.typing
 
 class CompressedRows:
-    """Rows of this rank by all unknowns; see tangent/products.h."""
+    """Rows of this rank over all unknowns; see tangent/products.h."""
 
     def __init__(
         self,
@@ -13,10 +13,10 @@ class CompressedRows:
         column: numpy.typing.NDArray[numpy.int64],
         value: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """First entry of each row, [row + 1]; numbers and values, [entry]."""
+        """First entry of each row, [row + 1]; column numbers and values, [entry]."""
 
 class FunctionsOfPieces:
-    """How functions move at the points of pieces; see gap/point_rows.h."""
+    """Derivatives of vertex functions at the points of pieces; see gap/point_rows.h."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class FunctionsOfPieces:
         turning: numpy.typing.NDArray[numpy.float64],
         component: int,
     ) -> None:
-        """Of a field of the sides of the slave's nodes, and numbers at the points; collective."""
+        """From a field on the sides of the slave's nodes and values at the points; collective."""
 
     def entries(
         self, side: int
@@ -37,16 +37,16 @@ class FunctionsOfPieces:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Unknowns of sides of nodes, of one body (-1 if held), and values, [entry]."""
+        """Unknowns of node sides, unknowns of one body (-1 if constrained), and values, [entry]."""
 
 class GapOperator:
-    """Weighted gaps of the slave nodes of this rank; see gap/gap.h."""
+    """Operator of the weighted gaps of the slave nodes of this rank; see gap/gap.h."""
 
     @overload
     def __init__(
         self, slave: Surface, master: Surface | None, points: PairingPoints, jump: bool, rows: int
     ) -> None:
-        """Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective."""
+        """Rows are nodes (0), nodes with their covered areas (1), or points (2); collective."""
 
     @overload
     def __init__(
@@ -59,7 +59,7 @@ class GapOperator:
         weight: numpy.typing.NDArray[numpy.float64],
         far: float,
     ) -> None:
-        """Derivative of gaps that follow the bodies, a row for each point of pieces; see gap/gap.h; collective."""
+        """Derivative of gaps with updated geometry, a row for each point of pieces; see gap/gap.h; collective."""
 
     @overload
     def __init__(
@@ -71,7 +71,7 @@ class GapOperator:
         alone: numpy.typing.NDArray[numpy.int64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Jump of places at these points; see gap/gap.h; collective."""
+        """Relative position at the points of pieces; see gap/gap.h; collective."""
 
     @overload
     def __init__(
@@ -84,7 +84,7 @@ class GapOperator:
         works: bool,
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Derivative of slip at these points, or what tractions work on there; collective."""
+        """Derivative of slip at the points of pieces, or the variation that tractions work on; collective."""
 
     @overload
     def __init__(
@@ -97,7 +97,7 @@ class GapOperator:
         leaning: numpy.typing.NDArray[numpy.float64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """The former with what points move by; see gap/point_rows.h; collective."""
+        """Derivative of slip with the motion of points; see gap/point_rows.h; collective."""
 
     @overload
     def __init__(
@@ -108,7 +108,7 @@ class GapOperator:
         *,
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Derivative of gaps with what points move by; see gap/gap.h; collective."""
+        """Derivative of gaps with the motion of points; see gap/gap.h; collective."""
 
     @overload
     def __init__(
@@ -120,17 +120,17 @@ class GapOperator:
         *,
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Gradients of their field at these points; collective."""
+        """Gradients of the field of `functions` at the points of pieces; collective."""
 
     @property
     def num_rows(self) -> int: ...
     @property
     def turns(self) -> bool:
-        """Whether a jump turns with facets."""
+        """Whether a jump is co-rotated with facets."""
 
     @property
     def width(self) -> int:
-        """Values per row: 1, or of a jump those of a node."""
+        """Values per row: 1, or for a jump the unknowns of a node."""
 
     @property
     def row_node(self) -> numpy.typing.NDArray[numpy.int64]:
@@ -138,15 +138,15 @@ class GapOperator:
 
     @property
     def row_side(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """Side of the row's node, [row]; empty if there are none to tell apart."""
+        """Smooth side of the row's node, [row]; empty if sides are not distinguished."""
 
     @property
     def row_in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """Whether the node may have a row for each side, likewise."""
+        """Whether the row's node may have a row for each side, [row]; empty likewise."""
 
     @property
     def row_area(self) -> numpy.typing.NDArray[numpy.float64]:
-        """What each row's gap is divided by: S_k, its covered part, or w_p, [row]."""
+        """Area by which each row's gap is divided: S_k, its covered part, or w_p, [row]."""
 
     @property
     def initial_gap(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -154,7 +154,7 @@ class GapOperator:
 
     @property
     def slave_sum(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Sum of the slave's coefficients, [row][gdim], of a jump [row][1]."""
+        """Sum of the slave's coefficients, [row][gdim], for a jump [row][1]."""
 
     def entries(
         self, side: int
@@ -163,10 +163,10 @@ class GapOperator:
         numpy.typing.NDArray[numpy.int32],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Of one side: first entry of each row, [row + 1]; place of its node among the columns, [entry]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if it turns."""
+        """Entries of one side: first entry of each row, [row + 1]; column node of each entry, [entry]; coefficients, [entry][gdim], for a jump [entry][1], or [entry][gdim * gdim] if it is co-rotated."""
 
     def columns(self, side: int) -> numpy.typing.NDArray[numpy.int64]:
-        """Unknowns of one side's nodes, -1 where conditions hold, [column][block]."""
+        """Unknowns of one side's nodes, -1 where Dirichlet conditions hold, [column][block]."""
 
     @property
     def num_sides(self) -> int:
@@ -190,22 +190,22 @@ class GapOperator:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """N_k at points: first entry of each row, [row + 1]; unknowns that stand for a side of a node, and values, [entry]."""
+        """N_k at points: first entry of each row, [row + 1]; unknowns that represent a side of a node, and values, [entry]."""
 
     def at_points(self, nodal: int) -> numpy.typing.NDArray[numpy.float64]:
-        """Values at the points of a field on the slave, a component for each side; collective."""
+        """Values of a field on the slave, with a component for each side, at the points; collective."""
 
     def add_to_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
-        """Add the sums of N_k times values of the points; collective."""
+        """Add the sums of N_k times the values at the points to the nodes; collective."""
 
     def raise_nodes(self, f: numpy.typing.NDArray[numpy.float64], nodal: int) -> None:
-        """Raise nodes to the largest value of the points beside them; collective."""
+        """Raise the values of nodes to the largest value at the points beside them; collective."""
 
     def constrain(self, slave: int, master: int) -> None:
         """Mark constrained unknowns; collective."""
 
 class PairingPoints:
-    """Pairing points of one pass; see pairing/pairing.h."""
+    """Contact quadrature points of one choice of the slave; see pairing/pairing.h."""
 
     @property
     def size(self) -> int: ...
@@ -215,7 +215,7 @@ class PairingPoints:
 
     @property
     def master(self) -> dict[str, Any]:
-        """Those of the master's side."""
+        """Arrays of the master's side: x, dofs, owner, shape_values."""
 
     @property
     def multiplier_values(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -239,7 +239,7 @@ class PairingPoints:
         weight: numpy.typing.NDArray[numpy.float64],
         far: float,
     ) -> PairingPoints:
-        """The same points, and some that see one multiplier each; see pairing/pairing.h."""
+        """The same points, and stand-alone points with one multiplier each; see pairing/pairing.h."""
 
     def scaled(self, factor: numpy.typing.NDArray[numpy.float64]) -> PairingPoints:
         """The same points, their weights multiplied by factors [point]."""
@@ -249,19 +249,19 @@ class PairingPoints:
         slave: numpy.typing.NDArray[numpy.float64],
         master: numpy.typing.NDArray[numpy.float64],
     ) -> PairingPoints:
-        """The same points, jumps turning with facets: what the nodes of each side add to a jump, [point][node][block][block]."""
+        """The same points with co-rotated jumps, from the contributions of the nodes of each side to a jump, [point][node][block][block]."""
 
     @property
     def num_of_slave(self) -> int:
-        """Points of the overlay that facets of the slave were cut for: the first ones."""
+        """Number of points of the overlay on facets of the slave; they come first."""
 
     @property
     def num_unpaired(self) -> int:
-        """Owned nodes (overlay: facets) that found no partner."""
+        """Number of owned nodes (overlay: facets) for which no partner was found."""
 
     @property
     def num_corners(self) -> int:
-        """Owned nodes of both surfaces in the corner of several walls."""
+        """Number of owned nodes of both surfaces in the corner of several walls."""
 
     @property
     def by_sides(self) -> bool:
@@ -269,10 +269,10 @@ class PairingPoints:
 
     @property
     def in_corner(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """Which owned nodes do, [node]; empty if not by_sides."""
+        """Whether an owned node has several multipliers, [node]; empty if not by_sides."""
 
 class Pieces:
-    """Pieces of the overlay; see pairing/pieces.h."""
+    """Pieces (segments) of the overlay; see pairing/pieces.h."""
 
     @property
     def size(self) -> int: ...
@@ -280,21 +280,21 @@ class Pieces:
     def gdim(self) -> int: ...
     @property
     def num_missed(self) -> int:
-        """Pieces with a ray that meets no point."""
+        """Number of pieces with a ray that meets no point."""
 
     @property
     def num_points(self) -> int: ...
     def cover(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Areas that points cover of the slave's nodes, [piece, k]."""
+        """Covered areas of the slave's nodes, [piece, k]."""
 
     def side_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
-        """Unknowns that stand for the sides of these nodes, likewise."""
+        """Unknowns that represent the sides of these nodes, [piece, k]."""
 
     def gaps(self) -> numpy.typing.NDArray[numpy.float64]:
         """Distances along the rays, positive when open, [point]."""
 
     def raise_facets(self, normals: int) -> None:
-        """Let facets before vertices stand for a curved surface; collective."""
+        """Replace the facets opposite vertices by a curved surface; collective."""
 
     def gaps_by_normals(
         self,
@@ -303,7 +303,7 @@ class Pieces:
         numpy.typing.NDArray[numpy.int64],
         numpy.typing.NDArray[numpy.float64],
     ]:
-        """Derivatives of gaps by the normals that facets are raised with: points, unknowns that stand for components of normals, values."""
+        """Derivatives of gaps by the normals given to raise_facets: points, unknowns that represent components of normals, values."""
 
     def forces_by_normals(
         self, stress: numpy.typing.NDArray[numpy.float64], slips: bool
@@ -319,22 +319,22 @@ class Pieces:
             numpy.typing.NDArray[numpy.float64],
         ],
     ]:
-        """The same of forces of pressures or tractions, on both bodies; rows are unknowns."""
+        """Derivatives of forces of pressures or tractions, on both bodies, by the same normals; rows are unknowns."""
 
     def functions(self) -> numpy.typing.NDArray[numpy.float64]:
         """Functions of the slave's vertices at the points, [point][k]."""
 
     def facets(self) -> numpy.typing.NDArray[numpy.int64]:
-        """What tells apart between which facets points are, and which was cut, [point][n]."""
+        """Identification of the two facets of each point and of the facet that was cut, [point][n]."""
 
     def slave_sizes(self) -> numpy.typing.NDArray[numpy.float64]:
         """Size of the slave's facet at each point, [point]."""
 
     def x(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Where the points are, [point][3]."""
+        """Positions of the points, [point][3]."""
 
 class RayFacet:
-    """A facet at its present place; see sliding/ray.h."""
+    """A facet in its current configuration; see sliding/ray.h."""
 
     def __init__(
         self,
@@ -346,7 +346,7 @@ class RayFacet:
         """From its trace nodes, [node][3]."""
 
 class RayPoints:
-    """Where rays begin and end."""
+    """Starts and ends of rays."""
 
     def __init__(
         self,
@@ -354,21 +354,21 @@ class RayPoints:
         zeta: numpy.typing.NDArray[numpy.float64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """From places on the facet that is cut, guesses on the other one, both [point][2], and areas."""
+        """From reference coordinates on the facet that is cut, guesses on the other facet, both [point][2], and areas."""
 
     @property
     def zeta(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Places on the other facet, [point][2]."""
+        """Reference coordinates on the other facet, [point][2]."""
 
     @property
     def t(self) -> numpy.typing.NDArray[numpy.float64]:
         """Lengths of the rays, negative in penetration, [point]."""
 
 class RowSums:
-    """What is added to a matrix; see tangent/row_sums.h."""
+    """Entries to be added to a matrix; see tangent/row_sums.h."""
 
     def __init__(self, matrix: int) -> None:
-        """Of a matrix that must outlive it and is not assembled here."""
+        """For a matrix that must outlive this object and is not assembled here."""
 
     def add_entries(
         self,
@@ -376,25 +376,25 @@ class RowSums:
         columns: numpy.typing.NDArray[numpy.int64],
         values: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Add entries in any order, of any rank's rows; negative numbers are left out."""
+        """Add entries in any order, in rows of any rank; negative numbers are left out."""
 
     def add_squares(
         self,
         numbers: numpy.typing.NDArray[numpy.int64],
         values: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Add matrices, [block][row][row], by numbers [block][row]; negative ones are left out."""
+        """Add matrices, [block][row][row], with row numbers [block][row]; negative numbers are left out."""
 
     def insert(self) -> None:
-        """Add all to the matrix."""
+        """Insert all entries into the matrix."""
 
 class SearchRadius:
-    """How far from each other points may be that are paired: one distance, or the size of the larger facet there, if that is less."""
+    """Search distance, up to which points are paired: one value, or the size of the larger facet there, if this is less."""
 
     def __init__(self, largest: float, by_size: bool = False) -> None: ...
     @property
     def largest(self) -> float:
-        """Anywhere."""
+        """Largest search distance anywhere."""
 
 class SlipOfPieces:
     """Slip at the points of pieces; see gap/point_rows.h."""
@@ -402,26 +402,26 @@ class SlipOfPieces:
     def __init__(
         self, pieces: Pieces, slave: int, master: int, of_tool: numpy.typing.NDArray[numpy.float64]
     ) -> None:
-        """From where nodes were when it began; collective."""
+        """From the positions of the nodes when slip began; collective."""
 
     @property
     def slip(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Of the slave against the master, [point][3]."""
+        """Slip of the slave against the master, [point][3]."""
 
     @property
     def normal(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Outward of the slave, [point][3]."""
+        """Normals outward of the slave, [point][3]."""
 
     @property
     def arc(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Way along the facets over the slip, its chord, [point]."""
+        """Arc length along the facets divided by the slip, which is its chord, [point]."""
 
     @property
     def gap(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Gap of the same places when slip began, positive in penetration, [point]."""
+        """Gap of the same material points when slip began, positive in penetration, [point]."""
 
 class StackedRows:
-    """Rows of points by all unknowns; see tangent/products.h."""
+    """Rows of points over all unknowns; see tangent/products.h."""
 
     def __init__(self, num_points: int, components: int) -> None: ...
     @property
@@ -434,10 +434,10 @@ class StackedRows:
         factor: float,
         first: int,
     ) -> None:
-        """Add a factor times one side of an operator, in components from the first on; `numbers` are those of its unknowns, [column][block], negative where they are held."""
+        """Add a factor times one side of an operator, in components from `first` on; `numbers` are the numbers of its unknowns, [column][block], negative where a Dirichlet condition holds."""
 
     def add_rows(self, rows: CompressedRows, factor: float, first: int, width: int) -> None:
-        """Add a factor times rows, `width` for each point, likewise."""
+        """Add a factor times rows, `width` for each point, in components from `first` on."""
 
     def entries(
         self,
@@ -471,13 +471,13 @@ class Surface:
     def move(
         self, x: numpy.typing.NDArray[numpy.float64], inside: numpy.typing.NDArray[numpy.float64]
     ) -> None:
-        """Let the facets have other coordinates; collective."""
+        """Set new coordinates of the facets; collective."""
 
     def follow(self, trace_x: numpy.typing.NDArray[numpy.float64]) -> None:
-        """Let the nodes of the trace have other coordinates, [facet][node][3]; local."""
+        """Set new coordinates of the nodes of the trace, [facet][node][3]; local."""
 
     def measure_nodes(self) -> None:
-        """Areas and normals of the nodes after `follow`; collective."""
+        """Compute areas and normals of the nodes after `follow`; collective."""
 
     @property
     def facet_size_range(self) -> list[float]:
@@ -498,7 +498,7 @@ class Surface:
 
     @property
     def vertex_side(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """Number of the smooth side of its vertices that a facet is part of, [facet][vertex]."""
+        """Number of the smooth side to which a facet belongs at its vertices, [facet][vertex]."""
 
     @property
     def node_dofs(self) -> numpy.typing.NDArray[numpy.int64]:
@@ -506,19 +506,19 @@ class Surface:
 
     @property
     def node_x(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Their coordinates, [node][3]."""
+        """Coordinates of the owned nodes, [node][3]."""
 
     @property
     def node_area(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Their areas S_k, [node]."""
+        """Areas S_k of the owned nodes, [node]."""
 
     @property
     def node_facet_size(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Sizes of the largest facets at them, [node]."""
+        """Sizes of the largest facets at the owned nodes, [node]."""
 
     @property
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
-        """Their averaged outward unit normals, [node][3]."""
+        """Averaged outward unit normals at the owned nodes, [node][3]."""
 
 def add_curvature(
     sums: RowSums,
@@ -528,12 +528,12 @@ def add_curvature(
     numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     scale: Sequence[float],
 ) -> None:
-    """Add how forces of pressures change as gaps bend and points move; numbers are those of unknowns, [piece][node][gdim]."""
+    """Add the derivative of the forces of constant pressures, from the curvature of gaps and the motion of points; numbers are those of unknowns, [piece][node][gdim]."""
 
 def add_products(
     sums: RowSums, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]
 ) -> None:
-    """Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each point."""
+    """Add Lᵀ D R to a matrix; D has a number for each row, or a matrix [component][component] for each point."""
 
 def add_slip_curvature(
     sums: RowSums,
@@ -543,12 +543,12 @@ def add_slip_curvature(
     numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     scale: Sequence[float],
 ) -> None:
-    """Add how forces of given tractions at points change, likewise."""
+    """Add the derivative of the forces of constant tractions at points; numbers as in add_curvature."""
 
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
-    """Which owned nodes find a facet, [node], and the closest points, [node][3]; collective."""
+    """Whether a facet was found for each owned node, [node], and the closest points, [node][3]; collective."""
 
 def closest_point(
     num_vertices: int, vertices: numpy.typing.NDArray[numpy.float64], p: Sequence[float]
@@ -562,7 +562,7 @@ def closest_points(
     surface: Surface,
     radius: float,
 ) -> dict[str, Any]:
-    """Of points x [point][3] of a surface the closest ones of another: found [point], x, normal and mean_normal of all facets there [point][3], dofs [point][node][block], owner and shape_values [point][node] of the facet; collective."""
+    """Closest points of a surface to the points x [point][3] of another: found [point], x, normal and mean_normal of all facets there [point][3], dofs [point][node][block], owner and shape_values [point][node] of the facet; collective."""
 
 def conforming_points(
     slave: Surface,
@@ -579,16 +579,16 @@ def conforming_points(
     master_known: bool,
     master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
-    """Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all that is paired on this rank; collective."""
+    """Points where both surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all paired points on this rank; collective."""
 
 def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) -> int:
-    """Number of facets x [facet][vertex][3] without area, or not convex."""
+    """Number of facets x [facet][vertex][3] that have no area or are not convex."""
 
 def count_entries(block: int) -> numpy.typing.NDArray[numpy.int32]:
-    """Number of entries in own and in other columns, [2][row]."""
+    """Numbers of entries in columns of this rank and in other columns, [2][row]."""
 
 def edge_heights(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
-    """How far the surface that facets stand for is over the middles of their edges, along their normals, [facet][edge]; collective."""
+    """Heights of the surface that the facets approximate above the middles of their edges, along the facets' normals, [facet][edge]; collective."""
 
 def face_tool(
     points: PairingPoints,
@@ -597,16 +597,16 @@ def face_tool(
     gap: numpy.typing.NDArray[numpy.float64],
     group: int,
 ) -> None:
-    """Set normals and gaps, and drop points; see pairing/rigid.h."""
+    """Set normals and gaps, and remove points; see pairing/rigid.h."""
 
 def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Curvature of the facets, [facet][xx, yy, zz, xy, xz, yz]; collective."""
 
 def forget_master(points: PairingPoints) -> None:
-    """Forget the unknowns of the master."""
+    """Remove the unknowns of the master."""
 
 def free_unknowns(pieces: Pieces, side: int, markers: int) -> numpy.typing.NDArray[numpy.int64]:
-    """Unknowns of the slave (0) or master (1), negative where they are held, [piece][node][gdim]. Collective."""
+    """Unknowns of the slave (0) or master (1), negative where a Dirichlet condition holds, [piece][node][gdim]. Collective."""
 
 def heights_at(
     surface: Surface,
@@ -615,7 +615,7 @@ def heights_at(
     x: numpy.typing.NDArray[numpy.float64],
     w: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Heights over the facets at quadrature points, facet by facet, of given heights at their nodes of degree 2 or of a curvature found from the facets' turning; collective."""
+    """Heights above the facets at quadrature points, facet by facet, from given heights at their nodes of degree 2 or from a curvature found from the angles between facets; collective."""
 
 def insert_contact(
     gap: GapOperator,
@@ -637,12 +637,12 @@ def insert_friction(
     """Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm)."""
 
 def keep_points(points: PairingPoints, which: numpy.typing.NDArray[numpy.uint8]) -> None:
-    """Forget points but those, [point]."""
+    """Keep only the points that are marked in `which`, [point]."""
 
 def mean_of_rows(
     x: numpy.typing.NDArray[numpy.float64], rows: numpy.typing.NDArray[numpy.int32]
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Means of points x [point][3], one of each row of their numbers, [row][3]."""
+    """Means of points x [point][3], one mean for each row of point numbers, [row][3]."""
 
 def overlay_pieces(
     slave: Surface,
@@ -654,7 +654,7 @@ def overlay_pieces(
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
 ) -> Pieces:
-    """Pieces of surfaces that follow their bodies; collective."""
+    """Pieces of the overlay of surfaces with updated geometry; collective."""
 
 def overlay_surfaces(
     slave: Surface,
@@ -673,7 +673,7 @@ def overlay_surfaces(
     master_known: bool,
     master_heights: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Pairing points on the overlay; the last arguments are a Relief each; collective."""
+    """Pairing points on the overlay; the last arguments are the Relief of each side; collective."""
 
 def pair_surfaces(
     slave: Surface,
@@ -707,7 +707,7 @@ def points_between(
     gap: numpy.typing.NDArray[numpy.float64],
     weight: numpy.typing.NDArray[numpy.float64],
 ) -> PairingPoints:
-    """Points between places that are known: of both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node], the functions of the multipliers [point][slave vertex], and which of a vertex' multipliers they are of [point], normals, gaps and areas. A rigid master has no unknowns."""
+    """Points from given positions: for both sides positions [point][3], unknowns [point][node][block], owners and trace functions [point][node]; the functions of the multipliers [point][slave vertex], the number of the vertex' multiplier they belong to [point], normals, gaps and areas. A rigid master has no unknowns."""
 
 def points_of_pieces(slave: Surface, master: Surface | None, pieces: Pieces) -> PairingPoints:
     """Points of pieces as pairing points without normals."""
@@ -720,7 +720,7 @@ def put_rows(
     column_numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     mode: int,
 ) -> None:
-    """Put rows of one body's block into the matrix of all bodies."""
+    """Insert rows of one body's block into the matrix of all bodies."""
 
 def ray_curvature(
     cut: RayFacet,
@@ -729,12 +729,12 @@ def ray_curvature(
     points: RayPoints,
     pressure: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Second derivatives of the sum of weights times pressures times gaps, these held."""
+    """Second derivatives of the sum of weights times pressures times gaps, for constant weights and pressures."""
 
 def ray_functions(
     cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Those of the slave's vertex functions there, [point][vertex][node][3]."""
+    """Gradients of the slave's vertex functions at points, [point][vertex][node][3]."""
 
 def ray_gaps(
     cut: RayFacet, other: RayFacet, cut_is_slave: bool, points: RayPoints
@@ -754,7 +754,7 @@ def ray_slip(
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
 ]:
-    """Slip at points since nodes were there, and the slave's normal, [point][3]; its gradient, and what tractions work on, [point][node][slip][component]."""
+    """Slip at points since the nodes were at the start positions, and the slave's normal, [point][3]; the gradient of the slip, and the variation that tractions work on, [point][node][slip][component]."""
 
 def ray_slip_curvature(
     cut: RayFacet,
@@ -763,13 +763,13 @@ def ray_slip_curvature(
     points: RayPoints,
     tractions: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """The derivative of the sum of weights times what tractions work on."""
+    """Derivative of the sum of weights times the virtual work of constant tractions."""
 
 def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Nodes of degree 2 on the flat facets, [facet][node][3]."""
 
 def relief_normals(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
-    """Outward unit normals of the flat facets there, [facet][node][3]."""
+    """Outward unit normals of the flat facets at their nodes of degree 2, [facet][node][3]."""
 
 def sample_facets(
     slave: Surface, x: numpy.typing.NDArray[numpy.float64], w: numpy.typing.NDArray[numpy.float64]
@@ -785,21 +785,21 @@ def sample_vertices(slave: Surface, which: numpy.typing.NDArray[numpy.uint8]) ->
 def set_places(
     matrix: int, rows: numpy.typing.NDArray[numpy.int64], columns: numpy.typing.NDArray[numpy.int64]
 ) -> None:
-    """Fix the pattern of a matrix; places may be on any rank's rows and repeat. Collective."""
+    """Fix the non-zero pattern of a matrix; places may be in rows of any rank and repeat. Collective."""
 
 def set_values(matrix: int, values: numpy.typing.NDArray[numpy.float64]) -> None:
     """Replace the entries of a matrix, in the order of its places. Collective."""
 
 def share_out_hardly_covered(points: PairingPoints, slave: Surface, least: float) -> int:
-    """Let neighbours carry the multipliers of nodes that are hardly covered; collective."""
+    """Condense the multipliers of hardly covered nodes onto their neighbours; collective."""
 
 def solve_rays(cut: RayFacet, other: RayFacet, points: RayPoints) -> bool:
-    """Find the ends of the rays, if all have one."""
+    """Solve for the ends of the rays; return whether all were found."""
 
 def trace_gradients(
     num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Their derivatives, [point][node][2]."""
+    """Derivatives of the trace functions, [point][node][2]."""
 
 def trace_values(
     num_vertices: int, degree: int, xi: numpy.typing.NDArray[numpy.float64]
@@ -814,7 +814,7 @@ def vertex_pieces(
     weight: numpy.typing.NDArray[numpy.float64],
     radius: SearchRadius,
 ) -> Pieces:
-    """Points at vertices of either, of surfaces that follow their bodies; collective."""
+    """Points at vertices of the slave or the master, for surfaces with updated geometry; collective."""
 
 def with_traces(
     points: PairingPoints,

@@ -28,7 +28,8 @@ struct In
 template <typename T>
 using Out = nanobind::typed<nanobind::object, In<T>>;
 
-/// NumPy array of a shape: a copy of the data, unless they are temporary.
+/// NumPy array of the given shape. It owns a copy of the data; temporary data are moved, not
+/// copied.
 template <typename T>
 Out<T> copy(std::vector<T> data, std::initializer_list<std::size_t> shape)
 {
@@ -38,7 +39,7 @@ Out<T> copy(std::vector<T> data, std::initializer_list<std::size_t> shape)
   return nanobind::steal<Out<T>>(nanobind::cast(array).release());
 }
 
-/// PETSc object: the `handle` of petsc4py's.
+/// PETSc object, passed as the `handle` of the petsc4py object.
 using Handle = std::uintptr_t;
 
 inline FacetType facet_type(int num_vertices)
@@ -52,7 +53,7 @@ inline FacetType facet_type(int num_vertices)
 
 namespace nanobind::detail
 {
-// What nanobind calls its arrays leaves the stub without the type of an array's entries.
+// nanobind's own names for arrays would leave the entry type of an array out of the stub.
 template <typename T>
 constexpr auto array_name = [] { static_assert(sizeof(T) == 0, "no name for this type"); }();
 template <>

@@ -23,7 +23,8 @@ std::array<Vec, 2> vecs(Handle slave, Handle master)
 void qsdolfinx::bind_gap(nb::module_& m)
 {
   nb::class_<FunctionsOfPieces>(m, "FunctionsOfPieces",
-                                "How functions move at the points of pieces; see gap/point_rows.h.")
+                                "Derivatives of vertex functions at the points of pieces; see "
+                                "gap/point_rows.h.")
       .def(
           "__init__",
           [](FunctionsOfPieces* self, const Pieces& pieces, Handle field, In<double> rest,
@@ -33,7 +34,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
                                          vecs(markers[0], markers[1]), turning.view(), component);
           },
           "pieces"_a, "field"_a, "rest"_a, "moves"_a, "markers"_a, "turning"_a, "component"_a,
-          "Of a field of the sides of the slave's nodes, and numbers at the points; collective.")
+          "From a field on the sides of the slave's nodes and values at the points; collective.")
       .def(
           "entries",
           [](const FunctionsOfPieces& f, int side)
@@ -42,7 +43,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
             return std::tuple(copy(f.row[side], {n}), copy(f.column[side], {n}),
                               copy(f.value[side], {n}));
           },
-          "side"_a, "Unknowns of sides of nodes, of one body (-1 if held), and values, [entry].");
+          "side"_a,
+          "Unknowns of node sides, unknowns of one body (-1 if constrained), and values, [entry].");
   nb::class_<SlipOfPieces>(m, "SlipOfPieces", "Slip at the points of pieces; see gap/point_rows.h.")
       .def(
           "__init__",
@@ -53,23 +55,24 @@ void qsdolfinx::bind_gap(nb::module_& m)
                                     reinterpret_cast<Vec>(master), of_tool.view());
           },
           "pieces"_a, "slave"_a, "master"_a, "of_tool"_a,
-          "From where nodes were when it began; collective.")
+          "From the positions of the nodes when slip began; collective.")
       .def_prop_ro(
           "slip", [](const SlipOfPieces& s) { return copy(s.slip, {s.slip.size() / 3, 3}); },
-          "Of the slave against the master, [point][3].")
+          "Slip of the slave against the master, [point][3].")
       .def_prop_ro(
           "normal", [](const SlipOfPieces& s) { return copy(s.normal, {s.normal.size() / 3, 3}); },
-          "Outward of the slave, [point][3].")
+          "Normals outward of the slave, [point][3].")
       .def_prop_ro(
           "arc", [](const SlipOfPieces& s) { return copy(s.arc, {s.arc.size()}); },
-          "Way along the facets over the slip, its chord, [point].")
+          "Arc length along the facets divided by the slip, which is its chord, [point].")
       .def_prop_ro(
           "gap", [](const SlipOfPieces& s) { return copy(s.gap, {s.gap.size()}); },
-          "Gap of the same places when slip began, positive in penetration, [point].");
+          "Gap of the same material points when slip began, positive in penetration, [point].");
   m.def("points_of_pieces", &points_of_pieces, "slave"_a, "master"_a.none(), "pieces"_a,
         "Points of pieces as pairing points without normals.");
   nb::class_<GapOperator>(m, "GapOperator",
-                          "Weighted gaps of the slave nodes of this rank; see gap/gap.h.")
+                          "Operator of the weighted gaps of the slave nodes of this rank; see "
+                          "gap/gap.h.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master,
@@ -79,7 +82,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
                                    static_cast<GapRows>(rows));
           },
           "slave"_a, "master"_a.none(), "points"_a, "jump"_a, "rows"_a,
-          "Rows are nodes (0), nodes with what is covered of them (1), or points (2); collective.")
+          "Rows are nodes (0), nodes with their covered areas (1), or points (2); collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
@@ -87,7 +90,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far); },
           "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
           "far"_a,
-          "Derivative of gaps that follow the bodies, a row for each point of pieces; see "
+          "Derivative of gaps with updated geometry, a row for each point of pieces; see "
           "gap/gap.h; collective.")
       .def(
           "__init__",
@@ -95,7 +98,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
              In<std::int64_t> alone, In<double> weight)
           { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view()); },
           "slave"_a, "master"_a.none(), "jump_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
-          "Jump of places at these points; see gap/gap.h; collective.")
+          "Relative position at the points of pieces; see gap/gap.h; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
@@ -106,7 +109,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
           "weight"_a,
-          "Derivative of slip at these points, or what tractions work on there; collective.")
+          "Derivative of slip at the points of pieces, or the variation that tractions work on; "
+          "collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
@@ -116,23 +120,25 @@ void qsdolfinx::bind_gap(nb::module_& m)
                                    slip.moving_gradient(pieces, leaning.view()), weight.view());
           },
           "slave"_a, "master"_a.none(), "moving"_a, "slip"_a, nb::kw_only(), "leaning"_a,
-          "weight"_a, "The former with what points move by; see gap/point_rows.h; collective.")
+          "weight"_a,
+          "Derivative of slip with the motion of points; see gap/point_rows.h; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              In<double> weight) { new (self) GapOperator(slave, master, pieces, weight.view()); },
           "slave"_a, "master"_a.none(), "moving"_a, nb::kw_only(), "weight"_a,
-          "Derivative of gaps with what points move by; see gap/gap.h; collective.")
+          "Derivative of gaps with the motion of points; see gap/gap.h; collective.")
       .def(
           "__init__",
           [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
              const FunctionsOfPieces& functions, In<double> weight)
           { new (self) GapOperator(slave, master, pieces, functions, weight.view()); },
           "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
-          "Gradients of their field at these points; collective.")
+          "Gradients of the field of `functions` at the points of pieces; collective.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
-      .def_prop_ro("turns", &GapOperator::turns, "Whether a jump turns with facets.")
-      .def_prop_ro("width", &GapOperator::width, "Values per row: 1, or of a jump those of a node.")
+      .def_prop_ro("turns", &GapOperator::turns, "Whether a jump is co-rotated with facets.")
+      .def_prop_ro("width", &GapOperator::width,
+                   "Values per row: 1, or for a jump the unknowns of a node.")
       .def_prop_ro(
           "row_node",
           [](const GapOperator& g) { return copy(g.row_node(), {g.row_node().size()}); },
@@ -140,14 +146,14 @@ void qsdolfinx::bind_gap(nb::module_& m)
       .def_prop_ro(
           "row_side",
           [](const GapOperator& g) { return copy(g.row_side(), {g.row_side().size()}); },
-          "Side of the row's node, [row]; empty if there are none to tell apart.")
+          "Smooth side of the row's node, [row]; empty if sides are not distinguished.")
       .def_prop_ro(
           "row_in_corner",
           [](const GapOperator& g) { return copy(g.row_in_corner(), {g.row_in_corner().size()}); },
-          "Whether the node may have a row for each side, likewise.")
+          "Whether the row's node may have a row for each side, [row]; empty likewise.")
       .def_prop_ro(
           "row_area", [](const GapOperator& g) { return copy(g.row_area(), {g.num_rows()}); },
-          "What each row's gap is divided by: S_k, its covered part, or w_p, [row].")
+          "Area by which each row's gap is divided: S_k, its covered part, or w_p, [row].")
       .def_prop_ro(
           "initial_gap", [](const GapOperator& g) { return copy(g.initial_gap(), {g.num_rows()}); },
           "Initial weighted gap, zero for a jump, [row].")
@@ -158,7 +164,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
             const std::size_t width = g.kind() == GapKind::normal ? g.block() : 1;
             return copy(g.slave_sum(), {g.num_rows(), width});
           },
-          "Sum of the slave's coefficients, [row][gdim], of a jump [row][1].")
+          "Sum of the slave's coefficients, [row][gdim], for a jump [row][1].")
       .def(
           "entries",
           [](const GapOperator& g, int side)
@@ -168,9 +174,9 @@ void qsdolfinx::bind_gap(nb::module_& m)
                               copy(s.coefficient, {s.column.size(), g.entry_size()}));
           },
           "side"_a,
-          "Of one side: first entry of each row, [row + 1]; place of its node among the columns, "
-          "[entry]; coefficients, [entry][gdim], of a jump [entry][1], or [entry][gdim * gdim] if "
-          "it turns.")
+          "Entries of one side: first entry of each row, [row + 1]; column node of each entry, "
+          "[entry]; coefficients, [entry][gdim], for a jump [entry][1], or [entry][gdim * gdim] if "
+          "it is co-rotated.")
       .def(
           "columns",
           [](const GapOperator& g, int side)
@@ -179,7 +185,8 @@ void qsdolfinx::bind_gap(nb::module_& m)
             const auto d = static_cast<std::size_t>(g.block());
             return copy(std::vector<std::int64_t>(dofs.begin(), dofs.end()), {dofs.size() / d, d});
           },
-          "side"_a, "Unknowns of one side's nodes, -1 where conditions hold, [column][block].")
+          "side"_a,
+          "Unknowns of one side's nodes, -1 where Dirichlet conditions hold, [column][block].")
       .def_prop_ro("num_sides", &GapOperator::num_sides, "2, or 1 if the master is rigid.")
       .def(
           "apply",
@@ -207,20 +214,21 @@ void qsdolfinx::bind_gap(nb::module_& m)
                               copy(std::move(unknowns), {s.column.size()}),
                               copy(s.coefficient, {s.coefficient.size()}));
           },
-          "N_k at points: first entry of each row, [row + 1]; unknowns that stand for a side of a "
+          "N_k at points: first entry of each row, [row + 1]; unknowns that represent a side of a "
           "node, and values, [entry].")
       .def(
           "at_points", [](GapOperator& g, Handle nodal)
           { return copy(g.at_points(reinterpret_cast<Vec>(nodal)), {g.num_rows()}); }, "nodal"_a,
-          "Values at the points of a field on the slave, a component for each side; collective.")
+          "Values of a field on the slave, with a component for each side, at the points; "
+          "collective.")
       .def(
           "add_to_nodes", [](GapOperator& g, In<double> f, Handle nodal)
           { g.add_to_nodes(f.view(), reinterpret_cast<Vec>(nodal)); }, "f"_a, "nodal"_a,
-          "Add the sums of N_k times values of the points; collective.")
+          "Add the sums of N_k times the values at the points to the nodes; collective.")
       .def(
           "raise_nodes", [](GapOperator& g, In<double> f, Handle nodal)
           { g.raise_nodes(f.view(), reinterpret_cast<Vec>(nodal)); }, "f"_a, "nodal"_a,
-          "Raise nodes to the largest value of the points beside them; collective.")
+          "Raise the values of nodes to the largest value at the points beside them; collective.")
       .def(
           "constrain",
           [](GapOperator& g, Handle slave, Handle master) { g.constrain(vecs(slave, master)); },

@@ -1,6 +1,6 @@
-// The extension module, bound folder by folder. Communicators come as Fortran handles (mpi4py's
-// comm.py2f()), PETSc objects as the `handle` of petsc4py's, so that no header or binary interface
-// of mpi4py or petsc4py is needed.
+// The extension module, bound folder by folder. Communicators are passed as Fortran handles
+// (mpi4py's comm.py2f()), PETSc objects as the `handle` of petsc4py objects, so that no header or
+// binary interface of mpi4py or petsc4py is needed.
 #include "bindings/module.h"
 
 NB_MODULE(_cpp, m)

@@ -1,4 +1,4 @@
-// What each folder gives to the extension module.
+// Functions that add the bindings of each folder to the extension module.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -42,7 +42,7 @@ auto entries(ByNormals&& found)
                     copy(std::move(found.value), {n}));
 }
 
-/// Relief of a surface from its parts. @throws nb::value_error if heights are of another shape
+/// Relief of a surface from its parts. @throws nb::value_error if heights have another shape
 Relief relief(const Surface& surface, int lift, bool known, const In<double>& heights)
 {
   const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
@@ -68,14 +68,15 @@ Side as_dict(const PairingPoints& points, const PairingSide& side)
 void qsdolfinx::bind_pairing(nb::module_& m)
 {
   nb::class_<PairingPoints>(m, "PairingPoints",
-                            "Pairing points of one pass; see pairing/pairing.h.")
+                            "Contact quadrature points of one choice of the slave; see "
+                            "pairing/pairing.h.")
       .def_prop_ro("size", &PairingPoints::size)
       .def_prop_ro(
           "slave", [](const PairingPoints& p) { return as_dict(p, p.slave); },
           "Arrays of the slave's side: x, dofs, owner, shape_values.")
       .def_prop_ro(
           "master", [](const PairingPoints& p) { return as_dict(p, p.master); },
-          "Those of the master's side.")
+          "Arrays of the master's side: x, dofs, owner, shape_values.")
       .def_prop_ro(
           "multiplier_values",
           [](const PairingPoints& p)
@@ -97,7 +98,9 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "with_alone",
           [](const PairingPoints& p, In<std::int64_t> unknown, In<double> weight, double far)
           { return p.with_alone(unknown.view(), weight.view(), far); }, "unknown"_a, "weight"_a,
-          "far"_a, "The same points, and some that see one multiplier each; see pairing/pairing.h.")
+          "far"_a,
+          "The same points, and stand-alone points with one multiplier each; see "
+          "pairing/pairing.h.")
       .def(
           "scaled",
           [](const PairingPoints& p, In<double> factor) { return p.scaled(factor.view()); },
@@ -105,20 +108,20 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       .def(
           "turning", [](const PairingPoints& p, In<double> slave, In<double> master)
           { return p.turning(slave.view(), master.view()); }, "slave"_a, "master"_a,
-          "The same points, jumps turning with facets: what the nodes of each side add to a jump, "
-          "[point][node][block][block].")
+          "The same points with co-rotated jumps, from the contributions of the nodes of each side "
+          "to a jump, [point][node][block][block].")
       .def_ro("num_of_slave", &PairingPoints::num_of_slave,
-              "Points of the overlay that facets of the slave were cut for: the first ones.")
+              "Number of points of the overlay on facets of the slave; they come first.")
       .def_ro("num_unpaired", &PairingPoints::num_unpaired,
-              "Owned nodes (overlay: facets) that found no partner.")
+              "Number of owned nodes (overlay: facets) for which no partner was found.")
       .def_ro("num_corners", &PairingPoints::num_corners,
-              "Owned nodes of both surfaces in the corner of several walls.")
+              "Number of owned nodes of both surfaces in the corner of several walls.")
       .def_ro("by_sides", &PairingPoints::by_sides,
               "Whether nodes in corners have a multiplier for each smooth side.")
       .def_prop_ro(
           "in_corner",
           [](const PairingPoints& p) { return copy(p.in_corner, {p.in_corner.size()}); },
-          "Which owned nodes do, [node]; empty if not by_sides.");
+          "Whether an owned node has several multipliers, [node]; empty if not by_sides.");
 
   m.def(
       "pair_surfaces",
@@ -152,14 +155,14 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a.none(), "x"_a, "dofs"_a, "owner"_a, "values"_a, "master_x"_a,
       "master_dofs"_a, "master_owner"_a, "master_values"_a, "multiplier_values"_a, "side"_a,
       "normal"_a, "gap"_a, "weight"_a,
-      "Points between places that are known: of both sides positions [point][3], unknowns "
-      "[point][node][block], owners and trace functions [point][node], the functions of the "
-      "multipliers [point][slave vertex], and which of a vertex' multipliers they are of [point], "
-      "normals, gaps and areas. A rigid master has no "
-      "unknowns.");
+      "Points from given positions: for both sides positions [point][3], unknowns "
+      "[point][node][block], owners and trace functions [point][node]; the functions of the "
+      "multipliers [point][slave vertex], the number of the vertex' multiplier they belong to "
+      "[point], normals, gaps and areas. A rigid master has no unknowns.");
   m.def(
-      "keep_points", [](PairingPoints& points, In<std::uint8_t> which)
-      { points.keep(which.view()); }, "points"_a, "which"_a, "Forget points but those, [point].");
+      "keep_points",
+      [](PairingPoints& points, In<std::uint8_t> which) { points.keep(which.view()); }, "points"_a,
+      "which"_a, "Keep only the points that are marked in `which`, [point].");
   m.def(
       "with_traces",
       [](const PairingPoints& points, int block, In<std::int64_t> slave_dofs,
@@ -188,13 +191,13 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
       "edge_x"_a, "edge_w"_a, "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a,
       "master_known"_a, "master_heights"_a,
-      "Pairing points on the overlay; the last arguments are a Relief each; collective.");
-  nb::class_<Pieces>(m, "Pieces", "Pieces of the overlay; see pairing/pieces.h.")
+      "Pairing points on the overlay; the last arguments are the Relief of each side; collective.");
+  nb::class_<Pieces>(m, "Pieces", "Pieces (segments) of the overlay; see pairing/pieces.h.")
       .def_prop_ro("size", &Pieces::size)
       .def_ro("gdim", &Pieces::gdim)
       .def_prop_ro(
           "num_missed", [](const Pieces& p) { return std::ranges::count(p.is_missed, 1); },
-          "Pieces with a ray that meets no point.")
+          "Number of pieces with a ray that meets no point.")
       .def_prop_ro("num_points", [](const Pieces& p) { return p.points.size(); })
       .def(
           "cover",
@@ -204,7 +207,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             const std::size_t n = out.size();
             return copy(std::move(out), {n});
           },
-          "Areas that points cover of the slave's nodes, [piece, k].")
+          "Covered areas of the slave's nodes, [piece, k].")
       .def(
           "side_dofs",
           [](const Pieces& p)
@@ -213,18 +216,18 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             const std::size_t n = out.size();
             return copy(std::move(out), {n});
           },
-          "Unknowns that stand for the sides of these nodes, likewise.")
+          "Unknowns that represent the sides of these nodes, [piece, k].")
       .def(
           "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },
           "Distances along the rays, positive when open, [point].")
       .def(
           "raise_facets",
           [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
-          "normals"_a, "Let facets before vertices stand for a curved surface; collective.")
+          "normals"_a, "Replace the facets opposite vertices by a curved surface; collective.")
       .def(
           "gaps_by_normals", [](const Pieces& p) { return entries(gaps_by_normals(p)); },
-          "Derivatives of gaps by the normals that facets are raised with: points, unknowns that "
-          "stand for components of normals, values.")
+          "Derivatives of gaps by the normals given to raise_facets: points, unknowns that "
+          "represent components of normals, values.")
       .def(
           "forces_by_normals",
           [](const Pieces& p, In<double> stress, bool slips)
@@ -233,7 +236,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             return std::tuple(entries(std::move(slave)), entries(std::move(master)));
           },
           "stress"_a, "slips"_a,
-          "The same of forces of pressures or tractions, on both bodies; rows are unknowns.")
+          "Derivatives of forces of pressures or tractions, on both bodies, by the same normals; "
+          "rows are unknowns.")
       .def(
           "functions",
           [](const Pieces& p)
@@ -269,7 +273,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
               }
             return copy(std::move(out), {p.points.size(), vertices + 1});
           },
-          "What tells apart between which facets points are, and which was cut, [point][n].")
+          "Identification of the two facets of each point and of the facet that was cut, "
+          "[point][n].")
       .def(
           "slave_sizes",
           [](const Pieces& p)
@@ -305,7 +310,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             }
             return copy(std::move(out), {p.points.size(), 3});
           },
-          "Where the points are, [point][3].");
+          "Positions of the points, [point][3].");
   m.def(
       "overlay_pieces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
@@ -315,14 +320,15 @@ void qsdolfinx::bind_pairing(nb::module_& m)
         return overlay_pieces(slave, master, both, radius, rules);
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
-      "Pieces of surfaces that follow their bodies; collective.");
+      "Pieces of the overlay of surfaces with updated geometry; collective.");
   m.def(
       "vertex_pieces",
       [](const Surface& slave, const Surface& master, bool of_master, In<std::uint8_t> which,
          In<double> weight, const SearchRadius& radius)
       { return vertex_pieces(slave, master, of_master, which.view(), weight.view(), radius); },
       "slave"_a, "master"_a, "of_master"_a, "which"_a, "weight"_a, "radius"_a,
-      "Points at vertices of either, of surfaces that follow their bodies; collective.");
+      "Points at vertices of the slave or the master, for surfaces with updated geometry; "
+      "collective.");
   m.def(
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,
@@ -343,9 +349,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
       "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a, "master_known"_a,
       "master_heights"_a,
-      "Where surfaces are curved the same way, [point][slave, master, gap, weight], and the area "
-      "of all "
-      "that is paired on this rank; collective.");
+      "Points where both surfaces are curved the same way, [point][slave, master, gap, weight], "
+      "and the area of all paired points on this rank; collective.");
 
   m.def(
       "heights_at",
@@ -355,8 +360,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
         return copy(out, {out.size()});
       },
       "surface"_a, "known"_a, "heights"_a, "x"_a, "w"_a,
-      "Heights over the facets at quadrature points, facet by facet, of given heights at their "
-      "nodes of degree 2 or of a curvature found from the facets' turning; collective.");
+      "Heights above the facets at quadrature points, facet by facet, from given heights at their "
+      "nodes of degree 2 or from a curvature found from the angles between facets; collective.");
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
   m.def(
       "sample_vertices", [](const Surface& slave, In<std::uint8_t> which)
@@ -371,8 +376,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       [](PairingPoints& points, In<std::uint8_t> keep, In<double> normal, In<double> gap,
          std::size_t group) { face_tool(points, keep.view(), normal.view(), gap.view(), group); },
       "points"_a, "keep"_a, "normal"_a, "gap"_a, "group"_a,
-      "Set normals and gaps, and drop points; see pairing/rigid.h.");
+      "Set normals and gaps, and remove points; see pairing/rigid.h.");
   m.def("share_out_hardly_covered", &share_out_hardly_covered, "points"_a, "slave"_a, "least"_a,
-        "Let neighbours carry the multipliers of nodes that are hardly covered; collective.");
-  m.def("forget_master", &forget_master, "points"_a, "Forget the unknowns of the master.");
+        "Condense the multipliers of hardly covered nodes onto their neighbours; collective.");
+  m.def("forget_master", &forget_master, "points"_a, "Remove the unknowns of the master.");
 }

@@ -34,10 +34,10 @@ void qsdolfinx::bind_search(nb::module_& m)
       "Whether places just outside of points of a body's boundary are within the body, [point]; "
       "collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",
-                           "How far from each other points may be that are paired: one distance, "
-                           "or the size of the larger facet there, if that is less.")
+                           "Search distance, up to which points are paired: one value, or the size "
+                           "of the larger facet there, if this is less.")
       .def(nb::init<double, bool>(), "largest"_a, "by_size"_a = false)
-      .def_ro("largest", &SearchRadius::largest, "Anywhere.");
+      .def_ro("largest", &SearchRadius::largest, "Largest search distance anywhere.");
   nb::implicitly_convertible<double, SearchRadius>();
 
   m.def(
@@ -49,7 +49,8 @@ void qsdolfinx::bind_search(nb::module_& m)
         return std::pair(copy(c.found, {n}), copy(c.x, {n, 3}));
       },
       "nodes"_a, "surface"_a, "radius"_a,
-      "Which owned nodes find a facet, [node], and the closest points, [node][3]; collective.");
+      "Whether a facet was found for each owned node, [node], and the closest points, [node][3]; "
+      "collective.");
   m.def(
       "closest_points",
       [](In<double> x, In<double> normal, const Surface& own, const Surface& surface, double radius)
@@ -70,7 +71,7 @@ void qsdolfinx::bind_search(nb::module_& m)
         return out;
       },
       "x"_a, "normal"_a, "own"_a, "surface"_a, "radius"_a,
-      "Of points x [point][3] of a surface the closest ones of another: found [point], x, normal "
+      "Closest points of a surface to the points x [point][3] of another: found [point], x, normal "
       "and mean_normal of all facets there [point][3], dofs [point][node][block], owner and "
       "shape_values [point][node] of the facet; collective.");
   m.def(

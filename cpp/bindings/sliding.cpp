@@ -72,18 +72,18 @@ void check_size(const RayPoints& points, std::size_t size, std::size_t width)
 
 void qsdolfinx::bind_sliding(nb::module_& m)
 {
-  nb::class_<Facet>(m, "RayFacet", "A facet at its present place; see sliding/ray.h.")
+  nb::class_<Facet>(m, "RayFacet", "A facet in its current configuration; see sliding/ray.h.")
       .def(
           "__init__",
           [](Facet* self, int num_vertices, int degree, In<double> x, double orientation)
           { new (self) Facet(make_facet(num_vertices, degree, x, orientation)); }, "num_vertices"_a,
           "degree"_a, "x"_a, "orientation"_a = 1.0, "From its trace nodes, [node][3].");
-  nb::class_<RayPoints>(m, "RayPoints", "Where rays begin and end.")
+  nb::class_<RayPoints>(m, "RayPoints", "Starts and ends of rays.")
       .def(
           "__init__", [](RayPoints* self, In<double> xi, In<double> zeta, In<double> weight)
           { new (self) RayPoints(make_points(xi, zeta, weight)); }, "xi"_a, "zeta"_a, "weight"_a,
-          "From places on the facet that is cut, guesses on the other one, both [point][2], and "
-          "areas.")
+          "From reference coordinates on the facet that is cut, guesses on the other facet, both "
+          "[point][2], and areas.")
       .def_prop_ro(
           "zeta",
           [](const RayPoints& p)
@@ -93,7 +93,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
               out.insert(out.end(), point.zeta.begin(), point.zeta.end());
             return copy(std::move(out), {p.points.size(), 2});
           },
-          "Places on the other facet, [point][2].")
+          "Reference coordinates on the other facet, [point][2].")
       .def_prop_ro(
           "t",
           [](const RayPoints& p)
@@ -108,7 +108,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
   m.def(
       "solve_rays", [](const Facet& cut, const Facet& other, RayPoints& points)
       { return solve_rays(make_pair(cut, other, true), points.points); }, "cut"_a, "other"_a,
-      "points"_a, "Find the ends of the rays, if all have one.");
+      "points"_a, "Solve for the ends of the rays; return whether all were found.");
   m.def(
       "ray_gaps",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points)
@@ -133,7 +133,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         return copy(std::move(out), {n, nk, nodes, 3});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
-      "Those of the slave's vertex functions there, [point][vertex][node][3].");
+      "Gradients of the slave's vertex functions at points, [point][vertex][node][3].");
   m.def(
       "ray_curvature",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
@@ -147,7 +147,8 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         return copy(std::move(hessian), {size, size});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "pressure"_a,
-      "Second derivatives of the sum of weights times pressures times gaps, these held.");
+      "Second derivatives of the sum of weights times pressures times gaps, for constant weights "
+      "and pressures.");
   m.def(
       "ray_slip",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
@@ -164,9 +165,9 @@ void qsdolfinx::bind_sliding(nb::module_& m)
                           copy(std::move(works), {n, nodes, 3, 3}));
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "cut_start"_a, "other_start"_a,
-      "Slip at points since nodes were there, and the slave's normal, [point][3]; its gradient, "
-      "and "
-      "what tractions work on, [point][node][slip][component].");
+      "Slip at points since the nodes were at the start positions, and the slave's normal, "
+      "[point][3]; the gradient of the slip, and the variation that tractions work on, "
+      "[point][node][slip][component].");
   m.def(
       "ray_slip_curvature",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
@@ -180,5 +181,5 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         return copy(std::move(hessian), {size, size});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "tractions"_a,
-      "The derivative of the sum of weights times what tractions work on.");
+      "Derivative of the sum of weights times the virtual work of constant tractions.");
 }

@@ -29,12 +29,12 @@ void qsdolfinx::bind_surface(nb::module_& m)
       .def(
           "move",
           [](Surface& s, In<double> x, In<double> inside) { s.move(x.view(), inside.view()); },
-          "x"_a, "inside"_a, "Let the facets have other coordinates; collective.")
+          "x"_a, "inside"_a, "Set new coordinates of the facets; collective.")
       .def(
           "follow", [](Surface& s, In<double> trace_x) { s.follow(trace_x.view()); }, "trace_x"_a,
-          "Let the nodes of the trace have other coordinates, [facet][node][3]; local.")
+          "Set new coordinates of the nodes of the trace, [facet][node][3]; local.")
       .def("measure_nodes", &Surface::measure_nodes,
-           "Areas and normals of the nodes after `follow`; collective.")
+           "Compute areas and normals of the nodes after `follow`; collective.")
       .def_prop_ro("facet_size_range", &Surface::facet_size_range,
                    "Smallest and largest facet size; collective.")
       .def_prop_ro(
@@ -70,25 +70,25 @@ void qsdolfinx::bind_surface(nb::module_& m)
             return copy(s.facets().vertex_side,
                         {s.num_facets(), static_cast<std::size_t>(s.num_vertices())});
           },
-          "Number of the smooth side of its vertices that a facet is part of, [facet][vertex].")
+          "Number of the smooth side to which a facet belongs at its vertices, [facet][vertex].")
       .def_prop_ro(
           "node_dofs", [](const Surface& s)
           { return copy(s.nodes().dofs, {s.nodes().size(), static_cast<std::size_t>(s.block())}); },
           "Global unknowns of the owned nodes, [node][block].")
       .def_prop_ro(
           "node_x", [](const Surface& s) { return copy(s.nodes().x, {s.nodes().size(), 3}); },
-          "Their coordinates, [node][3].")
+          "Coordinates of the owned nodes, [node][3].")
       .def_prop_ro(
           "node_area", [](const Surface& s) { return copy(s.nodes().area, {s.nodes().size()}); },
-          "Their areas S_k, [node].")
+          "Areas S_k of the owned nodes, [node].")
       .def_prop_ro(
           "node_facet_size",
           [](const Surface& s) { return copy(s.nodes().facet_size, {s.nodes().size()}); },
-          "Sizes of the largest facets at them, [node].")
+          "Sizes of the largest facets at the owned nodes, [node].")
       .def_prop_ro(
           "node_normal",
           [](const Surface& s) { return copy(s.nodes().normal, {s.nodes().size(), 3}); },
-          "Their averaged outward unit normals, [node][3].");
+          "Averaged outward unit normals at the owned nodes, [node][3].");
 
   const auto at_nodes = [](const Surface& s, std::vector<double> values)
   {
@@ -100,7 +100,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
       "surface"_a, "Nodes of degree 2 on the flat facets, [facet][node][3].");
   m.def(
       "relief_normals", [at_nodes](const Surface& s) { return at_nodes(s, relief_normals(s)); },
-      "surface"_a, "Outward unit normals of the flat facets there, [facet][node][3].");
+      "surface"_a,
+      "Outward unit normals of the flat facets at their nodes of degree 2, [facet][node][3].");
   m.def(
       "facet_curvature",
       [](const Surface& s)
@@ -119,8 +120,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
         return copy(edge_heights(s), {s.num_facets(), edges});
       },
       "surface"_a,
-      "How far the surface that facets stand for is over the middles of their edges, along their "
-      "normals, [facet][edge]; collective.");
+      "Heights of the surface that the facets approximate above the middles of their edges, along "
+      "the facets' normals, [facet][edge]; collective.");
   m.def(
       "mean_of_rows",
       [](In<double> x, In<std::int32_t> rows)
@@ -135,7 +136,8 @@ void qsdolfinx::bind_surface(nb::module_& m)
               out[3 * i + k] += points[3 * numbers[i * width + j] + k] / width;
         return copy(std::move(out), {n, 3});
       },
-      "x"_a, "rows"_a, "Means of points x [point][3], one of each row of their numbers, [row][3].");
+      "x"_a, "rows"_a,
+      "Means of points x [point][3], one mean for each row of point numbers, [row][3].");
   m.def(
       "trace_values",
       [](int num_vertices, int degree, In<double> xi)
@@ -172,9 +174,10 @@ void qsdolfinx::bind_surface(nb::module_& m)
         }
         return copy(std::move(out), {n, nodes, 2});
       },
-      "num_vertices"_a, "degree"_a, "xi"_a, "Their derivatives, [point][node][2].");
+      "num_vertices"_a, "degree"_a, "xi"_a,
+      "Derivatives of the trace functions, [point][node][2].");
   m.def(
       "count_degenerate", [](int num_vertices, In<double> x)
       { return count_degenerate(facet_type(num_vertices), x.view()); }, "num_vertices"_a, "x"_a,
-      "Number of facets x [facet][vertex][3] without area, or not convex.");
+      "Number of facets x [facet][vertex][3] that have no area or are not convex.");
 }

@@ -47,17 +47,17 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       },
       "jump"_a, "normal"_a, "stiffness"_a, "coupling"_a, "blocks"_a, "scale"_a,
       "Add Jᵀ (D J + c G) to the blocks (ss, sm, ms, mm).");
-  nb::class_<RowSums>(m, "RowSums", "What is added to a matrix; see tangent/row_sums.h.")
+  nb::class_<RowSums>(m, "RowSums", "Entries to be added to a matrix; see tangent/row_sums.h.")
       .def(
           "__init__",
           [](RowSums* self, Handle matrix) { new (self) RowSums(reinterpret_cast<Mat>(matrix)); },
-          "matrix"_a, "Of a matrix that must outlive it and is not assembled here.")
+          "matrix"_a, "For a matrix that must outlive this object and is not assembled here.")
       .def(
           "add_entries",
           [](RowSums& sums, In<std::int64_t> rows, In<std::int64_t> columns, In<double> values)
           { sums.add_entries(rows.view(), columns.view(), values.view()); }, "rows"_a, "columns"_a,
           "values"_a,
-          "Add entries in any order, of any rank's rows; negative numbers are left out.")
+          "Add entries in any order, in rows of any rank; negative numbers are left out.")
       .def(
           "add_squares",
           [](RowSums& sums, In<std::int64_t> numbers, In<double> values)
@@ -68,8 +68,9 @@ void qsdolfinx::bind_tangent(nb::module_& m)
             sums.add_squares(numbers.view(), values.view(), size);
           },
           "numbers"_a, "values"_a,
-          "Add matrices, [block][row][row], by numbers [block][row]; negative ones are left out.")
-      .def("insert", &RowSums::insert, "Add all to the matrix.");
+          "Add matrices, [block][row][row], with row numbers [block][row]; negative numbers are "
+          "left out.")
+      .def("insert", &RowSums::insert, "Insert all entries into the matrix.");
   m.def(
       "add_curvature",
       [](RowSums& sums, const Pieces& pieces, In<double> pressure, bool moves,
@@ -79,8 +80,8 @@ void qsdolfinx::bind_tangent(nb::module_& m)
                       {sums, {numbers[0].view(), numbers[1].view()}, scale});
       },
       "sums"_a, "pieces"_a, "pressure"_a, "moves"_a, "numbers"_a, "scale"_a,
-      "Add how forces of pressures change as gaps bend and points move; numbers are those of "
-      "unknowns, [piece][node][gdim].");
+      "Add the derivative of the forces of constant pressures, from the curvature of gaps and the "
+      "motion of points; numbers are those of unknowns, [piece][node][gdim].");
   m.def(
       "add_slip_curvature",
       [](RowSums& sums, const Pieces& pieces, In<double> traction, bool moves,
@@ -90,7 +91,8 @@ void qsdolfinx::bind_tangent(nb::module_& m)
                            {sums, {numbers[0].view(), numbers[1].view()}, scale});
       },
       "sums"_a, "pieces"_a, "traction"_a, "moves"_a, "numbers"_a, "scale"_a,
-      "Add how forces of given tractions at points change, likewise.");
+      "Add the derivative of the forces of constant tractions at points; numbers as in "
+      "add_curvature.");
   m.def(
       "free_unknowns",
       [](const Pieces& pieces, int side, Handle markers)
@@ -101,7 +103,7 @@ void qsdolfinx::bind_tangent(nb::module_& m)
         return copy(std::move(out), {n});
       },
       "pieces"_a, "side"_a, "markers"_a,
-      "Unknowns of the slave (0) or master (1), negative where they are held, "
+      "Unknowns of the slave (0) or master (1), negative where a Dirichlet condition holds, "
       "[piece][node][gdim]. Collective.");
   m.def(
       "put_rows",
@@ -114,7 +116,7 @@ void qsdolfinx::bind_tangent(nb::module_& m)
                  {columns[0].view(), columns[1].view()}, static_cast<RowMode>(mode));
       },
       "block"_a, "matrix"_a, "rows"_a, "row_numbers"_a, "column_numbers"_a, "mode"_a,
-      "Put rows of one body's block into the matrix of all bodies.");
+      "Insert rows of one body's block into the matrix of all bodies.");
   m.def(
       "count_entries",
       [](Handle block)
@@ -122,9 +124,9 @@ void qsdolfinx::bind_tangent(nb::module_& m)
         const std::vector<std::int32_t> counts = count_entries(reinterpret_cast<Mat>(block));
         return copy(counts, {2, counts.size() / 2});
       },
-      "block"_a, "Number of entries in own and in other columns, [2][row].");
+      "block"_a, "Numbers of entries in columns of this rank and in other columns, [2][row].");
   nb::class_<CompressedRows>(m, "CompressedRows",
-                             "Rows of this rank by all unknowns; see tangent/products.h.")
+                             "Rows of this rank over all unknowns; see tangent/products.h.")
       .def(
           "__init__",
           [](CompressedRows* self, In<std::int64_t> offset, In<std::int64_t> column,
@@ -136,9 +138,9 @@ void qsdolfinx::bind_tangent(nb::module_& m)
                 CompressedRows{{o.begin(), o.end()}, {c.begin(), c.end()}, {v.begin(), v.end()}};
           },
           "offset"_a, "column"_a, "value"_a,
-          "First entry of each row, [row + 1]; numbers and values, [entry].");
+          "First entry of each row, [row + 1]; column numbers and values, [entry].");
   nb::class_<StackedRows>(m, "StackedRows",
-                          "Rows of points by all unknowns; see tangent/products.h.")
+                          "Rows of points over all unknowns; see tangent/products.h.")
       .def(nb::init<std::size_t, std::size_t>(), "num_points"_a, "components"_a)
       .def_prop_ro("components", &StackedRows::components)
       .def(
@@ -150,10 +152,12 @@ void qsdolfinx::bind_tangent(nb::module_& m)
             rows.add_gaps(gap, side, {n.begin(), n.end()}, factor, first);
           },
           "gap"_a, "side"_a, "numbers"_a, "factor"_a, "first"_a, nb::keep_alive<1, 2>(),
-          "Add a factor times one side of an operator, in components from the first on; `numbers` "
-          "are those of its unknowns, [column][block], negative where they are held.")
+          "Add a factor times one side of an operator, in components from `first` on; `numbers` "
+          "are the numbers of its unknowns, [column][block], negative where a Dirichlet condition "
+          "holds.")
       .def("add_rows", &StackedRows::add_rows, "rows"_a, "factor"_a, "first"_a, "width"_a,
-           nb::keep_alive<1, 2>(), "Add a factor times rows, `width` for each point, likewise.")
+           nb::keep_alive<1, 2>(),
+           "Add a factor times rows, `width` for each point, in components from `first` on.")
       .def(
           "entries",
           [](const StackedRows& rows)
@@ -177,13 +181,14 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "add_products",
       [](RowSums& sums, const StackedRows& left, const StackedRows& right, In<double> D)
       { add_products(sums, left, right, D.view()); }, "sums"_a, "left"_a, "right"_a, "D"_a,
-      "Add Lᵀ D R; D has a number for each row, or a matrix [component][component] for each "
-      "point.");
+      "Add Lᵀ D R to a matrix; D has a number for each row, or a matrix [component][component] for "
+      "each point.");
   m.def(
       "set_places", [](Handle matrix, In<std::int64_t> rows, In<std::int64_t> columns)
       { set_places(reinterpret_cast<Mat>(matrix), rows.view(), columns.view()); }, "matrix"_a,
       "rows"_a, "columns"_a,
-      "Fix the pattern of a matrix; places may be on any rank's rows and repeat. Collective.");
+      "Fix the non-zero pattern of a matrix; places may be in rows of any rank and repeat. "
+      "Collective.");
   m.def(
       "set_values", [](Handle matrix, In<double> values)
       { set_values(reinterpret_cast<Mat>(matrix), values.view()); }, "matrix"_a, "values"_a,

@@ -16,7 +16,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Pairing points that other ranks found and that act on multipliers of this one.
+/// Collect the pairing points that were found by other ranks and act on multipliers of this rank.
 PairingPoints points_from_others(const Surface& slave, const PairingPoints& points)
 {
   const int nk = points.num_multipliers, ns = points.slave.num_nodes, nm = points.master.num_nodes,
@@ -82,7 +82,7 @@ PairingPoints points_from_others(const Surface& slave, const PairingPoints& poin
   return out;
 }
 
-/// S_k, or in corners the areas of sides.
+/// Areas of the slots: S_k, or for nodes in corners the areas of their sides.
 std::vector<double> areas_of(const Slots& slots, const Surface& slave, const PairingPoints& points)
 {
   const std::vector<double>& of_nodes = slave.nodes().area;
@@ -119,7 +119,7 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
     throw std::invalid_argument("scalar fields have no normal gap");
   turns_ = kind == GapKind::jump && points.turns;
   if (turns_ && rows == GapRows::points)
-    throw std::invalid_argument("jumps that turn have rows at nodes");
+    throw std::invalid_argument("co-rotated jumps need rows at nodes");
   if (rows == GapRows::points)
   {
     build_points(points);
@@ -273,7 +273,7 @@ std::vector<double> GapOperator::slave_sum() const
   std::vector<double> sum(num_rows() * width, 0);
   for (std::size_t r = 0; r < num_rows(); ++r)
     for (std::int64_t e = sides_[0].offset[r]; e < sides_[0].offset[r + 1]; ++e)
-      for (std::size_t i = 0; i < width; ++i) // what turns sums up to 0
+      for (std::size_t i = 0; i < width; ++i) // rotation terms sum to 0
         sum[r * width + i] += sides_[0].coefficient[e * size + i];
   return sum;
 }

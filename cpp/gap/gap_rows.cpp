@@ -36,7 +36,7 @@ public:
 private:
   std::size_t find(std::int64_t key) const
   {
-    // Fibonacci hashing: unknowns of a surface may come in strides.
+    // Fibonacci hashing, because the unknowns of a surface may have a constant stride.
     const std::size_t mask = keys_.size() - 1;
     const std::uint64_t hash = static_cast<std::uint64_t>(key) * 0x9E3779B97F4A7C15u;
     std::size_t i = (hash >> 32) & mask;
@@ -183,7 +183,7 @@ std::vector<std::int64_t> RowTerms::rows(std::size_t num_slots,
   return row_of;
 }
 
-/// Numbers in the order of the unknowns; sets these.
+/// Number of each column in the order of its unknowns; also sets the unknowns of `out`.
 std::vector<std::int32_t> RowTerms::number_columns(GapOperator::Side& out, int block) const
 {
   std::vector<std::int32_t> order(column_dofs_.size()), number(order.size());
@@ -205,7 +205,7 @@ void RowTerms::compress(GapOperator::Side& out, int block, std::span<const std::
   const std::vector<std::int32_t> number = number_columns(out, block);
   out.free_dofs = out.dofs;
 
-  // Terms by rows, in the order of the terms within each.
+  // Order the terms by rows; within each row their order stays the same.
   std::vector<std::size_t> end(num_rows + 1, 0), order(terms_.size());
   for (const Term& term : terms_)
     ++end[row_of[term.slot] + 1];
@@ -213,7 +213,7 @@ void RowTerms::compress(GapOperator::Side& out, int block, std::span<const std::
   for (std::size_t t = 0; t < terms_.size(); ++t)
     order[end[row_of[terms_[t].slot]]++] = t; // end[r] moves from the first term to past the last
 
-  std::vector<std::int64_t> place(number.size(), -1); // of a column's entry, if in this row
+  std::vector<std::int64_t> place(number.size(), -1); // of a column's entry in this row, or -1
   std::vector<std::int32_t> columns;
   out.offset.assign(1, 0);
   for (std::size_t r = 0, first = 0; r < num_rows; first = end[r++])

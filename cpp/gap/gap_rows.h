@@ -1,4 +1,5 @@
-// Rows of the gap operator from pairing points. No MPI but for the range of unknowns a rank owns.
+// Rows of the gap operator from pairing points. MPI is used only for the range of unknowns that a
+// rank owns.
 #pragma once
 
 #include "gap/gap.h"
@@ -6,8 +7,8 @@
 namespace qsdolfinx
 {
 
-/// Slots for multipliers of the slave's owned nodes: one for each smooth side of a node in a
-/// corner. Other nodes use the first of theirs; without any corner there is one slot a node.
+/// Slots for the multipliers of the slave's owned nodes: one for each smooth side of a node in a
+/// corner. Other nodes use the first of their slots. Without corners there is one slot per node.
 struct Slots
 {
   std::size_t num_nodes, per_node;
@@ -21,7 +22,7 @@ struct Slots
   }
 };
 
-/// A multiplier of this rank and a range of points that lie on the same two facets.
+/// A multiplier of this rank together with a range of points that lie on the same two facets.
 struct Patch
 {
   const PairingPoints* points;
@@ -49,10 +50,10 @@ class RowTerms
 {
 public:
   /// @param side 0: slave, 1: master
-  /// @param area what the gap of each slot is divided by
+  /// @param area area by which the gap of each slot is divided
   RowTerms(std::span<const Patch> patches, int side, GapKind kind, std::span<const double> area);
 
-  /// Row of each slot, -1 without, and the slots that have one, ascending.
+  /// Row of each slot, -1 if it has no row, and the slots that have a row, ascending.
   std::vector<std::int64_t> rows(std::size_t num_slots, std::vector<std::size_t>& row_slot) const;
 
   /// Rows in compressed form, columns ascending by their unknowns. Cost: linear in the terms, n log

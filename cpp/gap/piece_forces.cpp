@@ -48,7 +48,7 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
     {
       Vec3 m{};
       std::copy_n(&values[(p * nodes + i) * d], d, m.begin());
-      if (!(dot(m, outward) > smooth_cosine)) // where it is none, or the surface turns sharply
+      if (!(dot(m, outward) > smooth_cosine)) // no normal here, or a sharp edge
         continue;
       std::copy_n(m.begin(), 3,
                   pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));

@@ -11,7 +11,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// What rows are made of: functions at the points of the nodes of a facet.
+/// Functions of the nodes of a facet at the points, from which rows are assembled.
 struct Functions
 {
   const std::vector<std::int64_t>& dofs; ///< [point][node of the facet][block]
@@ -19,7 +19,7 @@ struct Functions
   std::size_t num_nodes, num_functions, block;
   const std::vector<std::uint8_t>* component = nullptr; ///< [point][function]; null: the first ones
 
-  /// Unknown that stands for the node of a function.
+  /// Unknown that represents the node of a function.
   std::int64_t dof(std::size_t p, std::size_t j) const
   {
     const std::size_t i = component ? (*component)[p * num_functions + j] : 0;
@@ -35,7 +35,7 @@ struct Functions
   }
 };
 
-/// What stands for all nodes that have a function somewhere, ascending.
+/// Unknowns that represent all nodes with a function at any point, ascending.
 std::vector<std::int64_t> find_columns(const Functions& f, std::size_t num_points)
 {
   std::vector<std::int64_t> out;
@@ -54,7 +54,7 @@ template <typename Append>
 void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points,
               const std::vector<std::int64_t>& columns, Append append)
 {
-  std::vector<std::size_t> order;   // of the functions of the present facet, by their columns
+  std::vector<std::size_t> order;   // of the functions of the current facet, by their columns
   std::vector<std::int32_t> column; // of each function
   out.offset.assign(1, 0);
   for (std::size_t p = 0; p < num_points; ++p)
@@ -84,7 +84,7 @@ void compress(GapOperator::Side& out, const Functions& f, std::size_t num_points
   out.offset.shrink_to_fit();
 }
 
-/// Unknowns of one side, none of points that are alone.
+/// Unknowns of one side, with -1 for stand-alone points.
 std::vector<std::int64_t> without_alone(const PairingPoints& points, const PairingSide& side)
 {
   std::vector<std::int64_t> out = side.dofs;
@@ -94,7 +94,7 @@ std::vector<std::int64_t> without_alone(const PairingPoints& points, const Pairi
   return out;
 }
 
-/// All unknowns of the columns: those of a node need not follow each other.
+/// Set all unknowns of the columns: the unknowns of a node need not be consecutive.
 void fill_dofs(GapOperator::Side& out, const Functions& f, std::size_t num_points,
                const std::vector<std::int64_t>& columns)
 {
@@ -195,7 +195,7 @@ PairingPoints qsdolfinx::points_of_pieces(const Surface& slave, const Surface* m
 
 namespace
 {
-/// Columns of some nodes of each piece, ascending by the unknowns that stand for them.
+/// Columns of some nodes of each piece, ascending by the unknowns that represent them.
 struct PieceColumns
 {
   std::size_t num_nodes;
@@ -203,7 +203,7 @@ struct PieceColumns
   std::vector<std::int32_t> column; ///< [piece][node]
   std::vector<std::uint32_t> order; ///< nodes of the piece by their columns, [piece][node]
 
-  /// @param keys what stands for the nodes, [piece][node] @param others more columns
+  /// @param keys unknowns that represent the nodes, [piece][node] @param others further columns
   PieceColumns(const std::vector<std::int64_t>& keys, std::size_t nodes,
                std::span<const std::int64_t> others = {})
       : num_nodes(nodes), key(keys), column(keys.size()), order(keys.size())
@@ -239,7 +239,7 @@ std::vector<std::int64_t> node_keys(const PieceSide& side, std::size_t d)
   return out;
 }
 
-/// Room for rows of all points and some empty ones.
+/// Reserve memory for the rows of all points and some empty rows.
 void reserve_rows(GapOperator::Side& out, std::size_t points, std::size_t alone,
                   std::size_t entries, std::size_t entry_size)
 {
@@ -249,8 +249,9 @@ void reserve_rows(GapOperator::Side& out, std::size_t points, std::size_t alone,
   out.coefficient.reserve(points * entries * entry_size);
 }
 
-/// Rows of the points of one piece. @param values of each, [point][node][width]
-/// @param first of the nodes @param d unknowns of a node
+/// Append the rows of the points of one piece. @param values values of each point,
+/// [point][node][width]
+/// @param first first of the nodes @param d unknowns of a node
 void append_rows(GapOperator::Side& out, const PieceColumns& columns, std::size_t piece,
                  std::span<const double> values, std::size_t nodes, std::size_t first,
                  std::size_t width, std::size_t d)

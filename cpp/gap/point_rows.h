@@ -9,19 +9,19 @@
 namespace qsdolfinx
 {
 
-/// Rows of one side, one for each point: its trace functions, times the normal for the normal part
-/// of the jump. The master's are negative. @param side 0: slave, 1: master
+/// Rows of one side, one for each point: the trace functions of the side, times the normal for the
+/// normal part of the jump. The master's entries are negative. @param side 0: slave, 1: master
 void rows_at_points(GapOperator::Side& out, const PairingPoints& points, int side, GapKind kind);
 
-/// Functions N_k of the slave's vertices at each point, of a field with one value for each smooth
-/// side of a node: its column is the component of the vertex' unknowns with the side's number.
+/// Functions N_k of the slave's vertices at each point, for a field with one value for each smooth
+/// side of a node. The column is the component of the vertex' unknowns that has the side's number.
 void multipliers_at_points(GapOperator::Side& out, const PairingPoints& points);
 
-/// Points of pieces, where rays have been solved for, as pairing points without normals.
+/// Points of pieces as pairing points without normals. The rays must have been solved.
 PairingPoints points_of_pieces(const Surface& slave, const Surface* master, const Pieces& pieces);
 
 /// Values at the points of a piece for the nodes of both facets, [point][node][width], the slave's
-/// nodes first; until the next piece is asked for.
+/// nodes first. They are valid until the next piece is requested.
 using OfPiece = std::function<std::span<const double>(std::size_t piece)>;
 
 /// Gradients of the gaps, width 3.
@@ -30,56 +30,64 @@ OfPiece gap_gradients_of(const Pieces& pieces);
 /// Trace functions, negative for the master, width 1.
 OfPiece jumps_of(const Pieces& pieces);
 
-/// Gradients of the gaps with what points move by, width 3.
+/// Gradients of the gaps including the motion of the points, width 3.
 OfPiece moving_gap_gradients_of(const Pieces& pieces);
 
-/// Parts of values that are known, [point][node][width].
+/// Parts of given values, [point][node][width].
 OfPiece parts_of(const Pieces& pieces, std::span<const double> values);
 
-/// Rows of both sides, or the slave alone, one for each point of pieces and some empty ones.
-/// @param num_alone of these @param width 1: of all unknowns of a node alike, 3: by unknown,
-/// 9: the same of a vector, [component][unknown]
+/// Rows of both sides, or of the slave only: one for each point of pieces, then some empty rows.
+/// @param num_alone number of empty rows
+/// @param width 1: one value for all unknowns of a node, 3: one value for each unknown, 9: one for
+/// each component of a vector and unknown, [component][unknown]
 void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std::size_t num_alone,
                     std::size_t width, const OfPiece& values);
 
-/// Functions N_k at the points of pieces, as multipliers_at_points, and rows with one unknown each.
+/// Functions N_k at the points of pieces, as in multipliers_at_points, then rows with one unknown
+/// each.
+/// @param alone unknowns of the latter rows
 void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 
-/// How functions of the slave's vertices move along its facets at the points of pieces.
+/// Derivatives of functions of the slave's vertices at the points of pieces, as they move along the
+/// slave's facets.
 struct FunctionsOfPieces
 {
-  /// Gradients of Σ_k λ_k N_k with what points move by, [point][node][3], the slave's nodes first.
+  /// Gradients of Σ_k λ_k N_k including the motion of the points, [point][node][3], the slave's
+  /// nodes first.
   std::vector<double> gradient;
-  /// Derivative of Σ_p w_p N_k r_p by the motion of N_k and of points: unknown that stands for the
-  /// side of a node, unknown of a body, and value.
+  /// Derivative of Σ_p w_p N_k r_p due to the motion of N_k and of the points: the unknown that
+  /// represents the side of a node, the unknown of a body, and the value.
   std::array<std::vector<std::int64_t>, 2> row, column; ///< [side of contact][entry]
   std::array<std::vector<double>, 2> value;
 
   /// Collective. @param field λ, a vector of the slave's body
-  /// @param rest r_p, [point], which stays @param moves whether points move
-  /// @param turning vectors of which r_p is a component and that stay in the planes of the facets
-  /// that rays leave, [point][3]; empty if there are none
-  /// @param markers vectors of the bodies, nonzero at unknowns with conditions, whose columns are
-  /// −1; of a rigid tool null
+  /// @param rest r_p, [point], held constant
+  /// @param moves whether points move
+  /// @param turning vectors of which r_p is a component, and which stay in the planes of the facets
+  /// where rays start, [point][3]; empty if there are none
+  /// @param markers vectors of the bodies, nonzero at unknowns with Dirichlet conditions, whose
+  /// columns become −1; null for a rigid tool
   FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest, bool moves,
                     std::array<Vec, 2> markers, std::span<const double> turning = {},
                     std::size_t component = 0);
 };
 
-/// Slip at the points of pieces, see RaySlip, [point][3] and [point][node][3][3], the slave's nodes
-/// first; [point].
+/// Slip at the points of pieces, see RaySlip. Shapes are [point][3], [point][node][3][3] (the
+/// slave's nodes first), or [point].
 struct SlipOfPieces
 {
   std::vector<double> slip, normal, gradient, works, slope, arc, gap;
 
-  /// Collective. @param slave, master places of the bodies' nodes when slip began, vectors of them;
-  /// master null for a rigid tool @param of_tool where a place of it was then, rows of an affine
-  /// map, [3][4]
+  /// Collective. @param slave, master positions of the bodies' nodes when slip began, as vectors of
+  /// the bodies; master is null for a rigid tool
+  /// @param of_tool affine map from present positions on the rigid tool to those when slip began,
+  /// rows, [3][4]
   SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
 
-  /// ``gradient`` with what points move by, and of tangential parts of vectors that stay: −l_p δn.
-  /// @param leaning l_p, along the slave's normal, [point]
+  /// ``gradient`` including the motion of the points, plus the derivative −l_p δn of the tangential
+  /// parts of constant vectors.
+  /// @param leaning l_p, component of these vectors along the slave's normal, [point]
   std::vector<double> moving_gradient(const Pieces& pieces, std::span<const double> leaning) const;
 };
 

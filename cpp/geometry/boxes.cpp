@@ -38,7 +38,7 @@ bool BoxTree::follow(const std::vector<Box>& boxes)
   constexpr double looser = 1.2;
   for (Entry& entry : entries_)
     entry.box = boxes[entry.number];
-  for (std::size_t n = nodes_.size(); n-- > 0;) // branches come after what they branch off
+  for (std::size_t n = nodes_.size(); n-- > 0;) // branches come after their parents
   {
     Node& node = nodes_[n];
     node.box = Box{};

@@ -10,13 +10,13 @@
 namespace qsdolfinx
 {
 
-/// Lowest and highest corner. At first without any point: it meets nothing.
+/// Axis-aligned box, given by its lowest and highest corner. Initially empty: it meets nothing.
 struct Box
 {
   static constexpr double inf = std::numeric_limits<double>::infinity();
   Vec3 low{inf, inf, inf}, high{-inf, -inf, -inf};
 
-  /// Let it hold another box, or a point.
+  /// Enlarge the box to include another box, or a point.
   void include(const Vec3& other_low, const Vec3& other_high)
   {
     for (std::size_t j = 0; j < 3; ++j)
@@ -43,7 +43,7 @@ inline Box box_of(std::span<const double> x)
 /// Boxes of facets. @param x [facet][vertex][3]
 std::vector<Box> facet_boxes(FacetType type, std::span<const double> x);
 
-/// A box with everything within the radius, coordinate by coordinate.
+/// The box enlarged by the radius in each coordinate direction.
 inline Box widened(const Box& box, double radius)
 {
   const Vec3 all{radius, radius, radius};
@@ -75,7 +75,7 @@ inline double squared_distance(const Box& box, const Vec3& p)
 class LinePart
 {
 public:
-  /// @param margin by which boxes are widened
+  /// @param margin distance by which boxes are widened
   LinePart(const Vec3& x, const Vec3& d, double end, double margin)
       : above_(x + Vec3{margin, margin, margin}), below_(x - Vec3{margin, margin, margin}),
         end_(end)
@@ -84,7 +84,7 @@ public:
       inverse_[j] = d[j] == 0 ? huge : 1 / d[j]; // then within the box for all t, or for none
   }
 
-  /// Whether a box, widened by the margin, has a point in common with it.
+  /// Whether a box, widened by the margin, has a point in common with this part of the line.
   bool meets(const Box& box) const
   {
     double first = 0, last = end_;
@@ -104,18 +104,19 @@ private:
   double end_;
 };
 
-/// Balanced binary tree of numbered boxes in one array, halved at the median of the longest side.
-/// Queries allocate nothing, and the tree is the same whatever order of boxes the median leaves.
+/// Balanced binary tree of numbered boxes in one array, split at the median of the longest side.
+/// Queries allocate no memory, and the tree does not depend on the order in which the median search
+/// leaves the boxes.
 class BoxTree
 {
 public:
   explicit BoxTree(const std::vector<Box>& boxes);
 
-  /// Let the boxes have changed, with the branches as they are: faster than a new tree. Whether the
-  /// branches are still about as small as they were when the tree was made; if not, make a new one.
+  /// Update the boxes and keep the branches, which is faster than a new tree. Returns whether the
+  /// branches are still about as small as when the tree was made; if not, make a new tree.
   bool follow(const std::vector<Box>& boxes);
 
-  /// Numbers of the boxes within the radius of a box, coordinate by coordinate, ascending.
+  /// Numbers of the boxes within the radius of a box in each coordinate direction, ascending.
   void near(const Box& box, double radius, std::vector<std::size_t>& out) const;
 
   /// Call visit(i) for the boxes that a part of a line meets.
@@ -152,8 +153,8 @@ public:
     }
   }
 
-  /// Call visit(i) for the boxes within the limit of p, those in near branches first. It returns
-  /// the limit from then on.
+  /// Call visit(i) for the boxes within the distance `limit` of p, those in near branches first.
+  /// visit(i) returns the new limit.
   template <typename Visit>
   void nearest(const Vec3& p, double limit, Visit visit) const
   {
@@ -201,7 +202,7 @@ private:
     Box box;
     std::size_t number;
   };
-  /// The left branch of a node is the next one.
+  /// The left branch of a node is the next node in the array.
   struct Node
   {
     Box box;

@@ -6,7 +6,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Functions of one variable, or their derivatives: those of the two ends, and of the middle.
+/// Quadratic functions of one variable, or their derivatives, for the two ends and the middle.
 using Line = std::array<double, 3>;
 
 Line line(double s) { return {(1 - s) * (1 - 2 * s), s * (2 * s - 1), 4 * s * (1 - s)}; }

@@ -28,8 +28,9 @@ inline Vec3 cross(const Vec3& a, const Vec3& b)
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-/// A line meets a facet that it misses by less than this part of the facet's size: through the seam
-/// of two facets it meets one of them in spite of rounding.
+/// A line that misses a facet by less than this fraction of the facet's size still counts as
+/// meeting it. A line through the edge between two facets thus meets at least one of them in spite
+/// of rounding.
 inline constexpr double seam_tolerance = 1e-9;
 
 /// Facet shapes. The number of vertices identifies the shape: 2, 3, 4.
@@ -103,11 +104,12 @@ int trace_size(FacetType type, int degree);
 /// degree 2, the edges in the order of `facet_edges`, and the interior of a quadrilateral.
 std::array<double, max_trace> trace_functions(FacetType type, int degree, std::array<double, 2> xi);
 
-/// Their first derivatives, [function][∂ξ, ∂η]. Those of degree 1 are the shape functions'.
+/// First derivatives of trace_functions, [function][∂ξ, ∂η]. For degree 1 they are those of the
+/// shape functions.
 std::array<std::array<double, 2>, max_trace> trace_gradients(FacetType type, int degree,
                                                              std::array<double, 2> xi);
 
-/// Their second derivatives, [function][∂ξ∂ξ, ∂ξ∂η, ∂η∂η].
+/// Second derivatives of trace_functions, [function][∂ξ∂ξ, ∂ξ∂η, ∂η∂η].
 std::array<std::array<double, 3>, max_trace> trace_curvatures(FacetType type, int degree,
                                                               std::array<double, 2> xi);
 
@@ -117,7 +119,7 @@ std::span<const std::array<int, 2>> facet_edges(FacetType type);
 /// Square of the largest distance of two vertices.
 double squared_size(FacetType type, std::span<const double> v);
 
-/// Number of facets that are flat (no length or area) or, quadrilaterals, not convex.
+/// Number of degenerate facets: without length or area, or quadrilaterals that are not convex.
 std::int64_t count_degenerate(FacetType type, std::span<const double> x);
 
 } // namespace qsdolfinx

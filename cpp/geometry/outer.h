@@ -1,4 +1,4 @@
-// Sums of outer products of short rows: most of what a tangent of many points costs.
+// Sums of outer products of short rows. They are most of the cost of a tangent with many points.
 #pragma once
 
 #include <cstddef>

@@ -7,9 +7,9 @@ using namespace qsdolfinx;
 
 namespace
 {
-constexpr double inverse_tolerance = 1e-16; // what Newton's method leaves, part of a facet
+constexpr double inverse_tolerance = 1e-16; // error after Newton's method, relative to the facet
 constexpr int inverse_max_iterations = 30;
-constexpr double line_tolerance = 1e-9;     // part of a side's length: what is on it
+constexpr double line_tolerance = 1e-9;     // distance at which a point is on a side, per length
 constexpr double outside_tolerance = 1e-12; // part of a side's length
 constexpr double fold_tolerance = 1e-6;     // smallest Jacobian over the largest
 
@@ -36,9 +36,9 @@ bool is_beyond(const Polygon& p, const Vec2& a, const Vec2& b, const Vec2& q)
 
 bool is_interval(const Polygon& p) { return p.size() == 2; }
 
-/// How far a point is to the left of the line from a to b, times its length. What is next to it is
-/// on it: sides that coincide but for rounding would cross anywhere, and the points beside them go
-/// along.
+/// Distance of a point to the left of the line from a to b, times its length. A point next to the
+/// line counts as on it: sides that coincide up to rounding would otherwise cross anywhere, and the
+/// quadrature points beside them would move with the crossing.
 struct Beside
 {
   Beside(const Vec2& a, const Vec2& b)
@@ -95,7 +95,7 @@ void qsdolfinx::intersect(const Polygon& a, const Polygon& b, Polygon& out)
       out = {{low, 0}, {high, 0}};
     return;
   }
-  // Two polygons take turns: one is cut, the other takes what is left.
+  // Two polygons alternate: one is clipped, the other receives the result.
   Polygon first = a, second;
   Polygon *in = &first, *cut = &second;
   for (std::size_t i = 0; i < b.size() && !in->empty(); ++i)
@@ -182,7 +182,7 @@ Triangles::Triangles(const Polygon& p, bool from_middle)
     }
     if (smallest_area >= least)
       break;
-    if (smallest_area > 0) // else vertices coincide but for rounding
+    if (smallest_area > 0) // otherwise vertices coincide up to rounding
       corner.push_back(smallest);
     around.erase(std::ranges::find(around, smallest[1]));
   }
@@ -213,7 +213,7 @@ void qsdolfinx::append_points_from_middle(const Polygon& p, const Rule& rule, st
 {
   if (is_interval(p))
     return append_points(p, rule, x, w);
-  Vec2 middle{0, 0}; // of the area: corners that coincide come and go
+  Vec2 middle{0, 0}; // centroid of the area: coinciding corners may appear or vanish
   double area = 0;
   for (std::size_t k = 1; k + 1 < p.size(); ++k)
   {
@@ -284,7 +284,7 @@ PlanarFacet::PlanarFacet(FacetType type, std::span<const double> v, const Frame&
     if (affine_)
       c_ = {0, 0};
     polygon_ = {q[0], q[1], q[3], q[2]};
-    // The Jacobian is linear in ξ and in η: its extremes are those at the corners.
+    // The Jacobian is linear in ξ and in η, so that its extreme values are at the corners.
     const auto [low, high] = std::minmax(
         {cross(a_, b_), cross(a_, b_ + c_), cross(a_ + c_, b_), cross(a_ + c_, b_ + c_)});
     unfolded_ = low > fold_tolerance * high || high < fold_tolerance * low;
@@ -303,21 +303,21 @@ std::int8_t PlanarFacet::vertex(std::size_t corner) const
 
 namespace
 {
-/// Side of a polygon that is cut: of a facet of its own or of the one that cuts.
+/// Side of a clipped polygon: a side of the clipped facet a, or of the clipping facet b.
 struct Side
 {
   bool of_b;
   std::size_t number;
 };
 
-/// A corner, and the side that leads on from it.
+/// A corner, and the side that starts at it.
 struct Clipped
 {
   CornerSource corner;
   Side side;
 };
 
-/// Where a side is cut by one of b. @param p where they cross
+/// Intersection of a side with a side of b. @param p position of the intersection
 CornerSource crossing(const PlanarFacet& a, const PlanarFacet& b, const Side& side,
                       std::size_t line, const Vec2& p)
 {
@@ -330,7 +330,7 @@ CornerSource crossing(const PlanarFacet& a, const PlanarFacet& b, const Side& si
     out.b = {b.vertex(line), b.vertex(next)};
     return out;
   }
-  const std::int8_t vertex = b.vertex(side.number == next ? next : line); // that both share
+  const std::int8_t vertex = b.vertex(side.number == next ? next : line); // common vertex
   out.b = {vertex, vertex};
   return out;
 }
@@ -393,7 +393,7 @@ Vec2 PlanarFacet::invert(const Vec2& q) const
     const double det = cross(s, t);
     const Vec2 step{cross(r, t) / det, cross(s, r) / det};
     xi = xi + step;
-    if (affine_ || std::abs(step[0] * step[1]) < inverse_tolerance) // times c it is what is left
+    if (affine_ || std::abs(step[0] * step[1]) < inverse_tolerance) // times c: the error
       break;
   }
   return xi;
@@ -409,7 +409,7 @@ double PlanarFacet::jacobian(const Vec2& xi) const
 std::array<double, 4> PlanarFacet::integrals(const Polygon& p, const Rule& edge) const
 {
   // N_i J = f(ξ) g(η) (j0 + j1 ξ + j2 η); the integral over ξ from 0 is a polynomial, and the
-  // integral of that over η along the boundary is what we want.
+  // integral of this polynomial over η along the boundary is the result.
   const double j0 = cross(a_, b_), j1 = cross(a_, c_), j2 = cross(c_, b_);
   std::array<double, 4> out{};
   for (std::size_t k = 0; k < p.size(); ++k)
@@ -428,6 +428,7 @@ std::array<double, 4> PlanarFacet::integrals(const Polygon& p, const Rule& edge)
       out[3] += deta * f1 * e;
     }
   }
-  // Where the map turns over, the boundary runs the other way round, and J is -|J|: no change.
+  // If the map reverses the orientation, the boundary runs in the other direction and J is -|J|:
+  // the result does not change.
   return out;
 }

@@ -18,7 +18,8 @@ inline Vec2 operator+(const Vec2& a, const Vec2& b) { return {a[0] + b[0], a[1] 
 inline Vec2 operator*(double s, const Vec2& a) { return {s * a[0], s * a[1]}; }
 inline double cross(const Vec2& a, const Vec2& b) { return a[0] * b[1] - a[1] * b[0]; }
 
-/// Convex polygon, corners anticlockwise. On a line: two corners (s, 0), the smaller s first.
+/// Convex polygon with its corners anticlockwise. On a line: two corners (s, 0), the smaller s
+/// first.
 class Polygon
 {
 public:
@@ -37,7 +38,7 @@ public:
   void clear() { size_ = 0; }
   void push_back(const Vec2& q) { corners_.at(size_++) = q; }
   void reverse() { std::reverse(corners_.begin(), corners_.begin() + size_); }
-  /// Let it begin with the corner that is furthest back along a direction.
+  /// Rotate the order of the corners so that the first is the one furthest back along a direction.
   void begin_along(const Vec2& direction)
   {
     const auto first = corners_.begin(), last = first + size_;
@@ -57,20 +58,21 @@ double measure(const Polygon& polygon);
 /// Intersection of two convex polygons (Sutherland & Hodgman) or intervals; empty if there is none.
 void intersect(const Polygon& a, const Polygon& b, Polygon& out);
 
-/// Whether a convex polygon or interval contains a point. One beyond a side by rounding counts, so
-/// that a point on the seam of two polygons is in one of them.
+/// Whether a convex polygon or interval contains a point. A point that is outside a side only by
+/// rounding counts as inside, so that a point on the common side of two polygons is in one of them.
 bool contains(const Polygon& polygon, const Vec2& q);
 
-/// Whether one side of a polygon has all the points outside, but for rounding: then their hull and
-/// the polygon do not overlap.
+/// Whether all the points are outside one side of a polygon, up to rounding. Their convex hull and
+/// the polygon then do not overlap.
 bool has_outside(const Polygon& polygon, std::span<const Vec2> points);
 
-/// Plane of a facet (2D: its line), and the direction along which others are projected onto it.
+/// Plane of a facet (2D: its line), and the direction along which other facets are projected onto
+/// it.
 struct Frame
 {
   Vec3 origin, e0, e1, normal;
 
-  /// Plane through the facet's centre across its area vector there.
+  /// Plane through the facet's centre, perpendicular to its area vector there.
   Frame(FacetType type, std::span<const double> vertices);
   Vec2 project(const Vec3& x) const;
 };
@@ -82,18 +84,21 @@ struct Rule
   std::vector<double> w;
 };
 
-/// Part of a polygon's area below which a corner is an ear.
+/// Fraction of a polygon's area below which the triangle at a corner is an ear.
 inline constexpr double ear_area = 1e-3;
 
-/// A polygon as triangles of its corners, or an interval.
+/// Triangulation of a polygon by its corners, or an interval.
 struct Triangles
 {
-  /// Ears are cut off first, the smallest before others: where lines that nearly coincide cross
-  /// goes along a whole side for little, and points elsewhere are not to follow it.
-  /// @param from_middle whether the rest is a fan around the middle, else from a corner
+  /// Ears are cut off first, in the order of their area. Where two nearly coincident lines cross, a
+  /// small motion can move the intersection along a whole side; the points in other triangles must
+  /// not move with it.
+  /// @param from_middle whether the rest is a fan around the middle; otherwise it is a fan from a
+  /// corner
   Triangles(const Polygon& polygon, bool from_middle);
 
-  std::vector<std::array<std::uint8_t, 3>> corner; ///< the number past the last one is the middle
+  std::vector<std::array<std::uint8_t, 3>> corner; ///< corner numbers; the number after the last
+                                                   ///< corner is the middle
   std::vector<std::uint8_t> around;                ///< corners that are not ears
   Vec2 middle{0, 0};
 };
@@ -102,7 +107,8 @@ struct Triangles
 void append_points(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
                    std::vector<double>& w);
 
-/// The same with the fan around the centroid, which no turn of the plane changes.
+/// Same as append_points, with the fan around the centroid. It does not depend on a rotation of the
+/// plane.
 void append_points_from_middle(const Polygon& polygon, const Rule& rule, std::vector<Vec2>& x,
                                std::vector<double>& w);
 
@@ -115,11 +121,12 @@ public:
   const Polygon& polygon() const { return polygon_; }
   /// Vertex that is a corner of the polygon.
   std::int8_t vertex(std::size_t corner) const;
-  /// Whether the map from the reference facet is affine; else it is that of a general
+  /// Whether the map from the reference facet is affine; otherwise the facet is a general
   /// quadrilateral.
   bool affine() const { return affine_; }
-  /// Whether the map turns nowhere over. A quadrilateral that is not flat may fold where it is seen
-  /// from the side; nothing can then be inverted or clipped.
+  /// Whether the Jacobian of the map has the same sign everywhere. The projection of a
+  /// quadrilateral that is not flat may fold when it is seen from the side; it can then be neither
+  /// inverted nor clipped.
   bool unfolded() const { return unfolded_; }
   /// Reference coordinates of a point of the facet, by Newton's method if the map is not affine.
   Vec2 invert(const Vec2& q) const;
@@ -138,17 +145,17 @@ private:
   Polygon polygon_;
 };
 
-/// Corner of the intersection of two facets: a vertex of one of them, or where edges of both cross.
+/// Corner of the intersection of two facets: a vertex of one of them, or a crossing of two edges.
 struct CornerSource
 {
   Vec2 q;
-  /// Vertices at the ends of each facet's edge, twice the same where the corner is that; −1 where
-  /// it is a vertex of the other facet.
+  /// Vertices at the ends of each facet's edge. Both are the same if the corner is this vertex; −1
+  /// if the corner is a vertex of the other facet.
   std::array<std::int8_t, 2> a{-1, -1}, b{-1, -1};
 };
 
-/// The corners that `intersect` finds of the polygons of two facets, and what they are. Of an
-/// interval both end at the same place that of b if it is to come first, else that of a.
+/// Corners that `intersect` finds for the polygons of two facets, with their sources. If ends of
+/// two intervals coincide, the source is the vertex of b if `b_first` is true, otherwise that of a.
 void sources_of_intersection(const PlanarFacet& a, const PlanarFacet& b, bool b_first,
                              std::vector<CornerSource>& out);
 

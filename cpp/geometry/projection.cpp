@@ -21,8 +21,8 @@ ClosestPoint make(FacetType type, std::span<const double> v, std::array<double, 
   return {xi, x, norm(x - p)};
 }
 
-/// Distances that differ by less are equal, and places that are nearer to each other the same;
-/// parts of a quadrilateral's size.
+/// Tolerances relative to a quadrilateral's size: distances that differ by less than minima_tie are
+/// equal, and points closer to each other than same_place are the same.
 constexpr double minima_tie = 1e-10, same_place = 1e-3;
 
 void keep_nearer(ClosestPoint& best, const ClosestPoint& other)
@@ -31,8 +31,8 @@ void keep_nearer(ClosestPoint& best, const ClosestPoint& other)
     best = other;
 }
 
-/// Keeps one of two minima of a patch. Of two that are equally far, but in different places, it is
-/// the one whose coordinates come first, in whatever order the facet's vertices are.
+/// Keep one of two minima of a patch. If two minima are equally far but at different places, the
+/// one whose coordinates come first is kept, independently of the order of the facet's vertices.
 void keep_minimum(ClosestPoint& best, const ClosestPoint& other, double size)
 {
   const Vec3 d = other.x - best.x;
@@ -56,7 +56,7 @@ ClosestPoint on_triangle(std::span<const double> v, const Vec3& p)
   if (xi[0] >= 0 && xi[1] >= 0 && xi[0] + xi[1] <= 1)
     return make(type, v, xi, p);
 
-  // Only edges that the projection onto the plane lies beyond.
+  // Check only edges beyond which the projection onto the plane lies.
   ClosestPoint best{{}, {}, std::numeric_limits<double>::infinity()};
   if (!(xi[1] >= 0))
     keep_nearer(best, make(type, v, {segment_parameter(a, b, p), 0}, p));
@@ -87,8 +87,9 @@ struct Patch
     return make(FacetType::quadrilateral, v, xi, p);
   }
 
-  /// Whether f is convex on the whole patch, so that a local minimum is the only one: a bound of
-  /// its Hessian, whose diagonal is |x_ξ|², |x_η|² and the rest x_ξ·x_η + (x - p)·c.
+  /// Whether f is convex on the whole patch, so that a local minimum is the only one. This is
+  /// checked by a bound of the Hessian, whose diagonal entries are |x_ξ|² and |x_η|² and whose
+  /// off-diagonal entry is x_ξ·x_η + (x - p)·c.
   bool is_convex() const
   {
     const double half = norm(c) / 2;
@@ -126,9 +127,9 @@ struct Patch
     return rises(q.xi[0], a + q.xi[1] * c) && rises(q.xi[1], b + q.xi[0] * c);
   }
 
-  /// Newton's method from ξ. Steps are held within the patch; the Gauss-Newton matrix stands in
-  /// where the Hessian is indefinite.
-  /// @param[out] xi the nearest point seen
+  /// Newton's method from ξ. Steps are limited to the patch; the Gauss-Newton matrix is used where
+  /// the Hessian is indefinite.
+  /// @param[out] xi the nearest point found
   /// @return whether it ended at a stationary point inside
   bool newton(std::array<double, 2>& xi) const
   {
@@ -139,7 +140,7 @@ struct Patch
     {
       const Vec3 xs = a + here[1] * c, xt = b + here[0] * c;
       const Vec3 r = x0 - p + here[0] * a + here[1] * xt;
-      // A distance says little of ξ: where Newton's method has ended, ξ counts.
+      // The distance is insensitive to ξ: where Newton's method has converged, its ξ is used.
       if (const double square = dot(r, r); square < (inside ? 1 + 1e-13 : 1.0) * least)
       {
         least = square;

@@ -17,7 +17,7 @@ int bend(const Vec3& first_normal, const Vec3& second_normal, const Vec3& betwee
   return second_over_first < 0 && first_over_second < 0 ? -1 : 0;
 }
 
-/// Looks at the sides of one node.
+/// Smooth sides of one node and the walls that they face.
 class NodeSides
 {
 public:
@@ -26,7 +26,7 @@ public:
   {
   }
 
-  /// The side that looks at a normal most.
+  /// The side that faces a facet with this normal most.
   std::size_t looking_at(const Vec3& normal) const
   {
     std::size_t best = first_;

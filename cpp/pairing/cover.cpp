@@ -9,7 +9,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Multiplier of a slave's node: its first unknown, and the smooth side that it is of.
+/// Multiplier of a slave node: the node's first unknown, and the smooth side it belongs to.
 struct Multiplier
 {
   std::int64_t dof;
@@ -17,7 +17,7 @@ struct Multiplier
   auto operator<=>(const Multiplier&) const = default;
 };
 
-/// Multipliers at the points of this rank, and which part of their areas is covered.
+/// Multipliers at the points of this rank, and the covered fractions of their areas.
 class Covers
 {
 public:
@@ -33,12 +33,12 @@ public:
     return {points_.slave.dofs[at * points_.block],
             points_.multiplier_side[point * points_.num_multipliers + vertex]};
   }
-  /// Part of the area, whatever the rank of the points.
+  /// Covered fraction of the area of a point's multiplier, summed over the points of all ranks.
   double operator()(std::size_t point, int vertex) const
   {
     return found_.at(multiplier(point, vertex)).cover;
   }
-  /// Multipliers of this rank that are covered by less than a part.
+  /// Number of multipliers of this rank whose covered fraction is less than `least`.
   std::int64_t count_below(double least) const
   {
     return std::ranges::count_if(owned_, [least](double c) { return c < least; });
@@ -66,7 +66,7 @@ private:
       }
   }
 
-  /// Sum over the ranks, over the areas.
+  /// Sum the covered areas over the ranks and divide them by the areas.
   void complete(const Surface& slave)
   {
     std::vector<int> dest;

@@ -1,4 +1,4 @@
-// Multipliers of nodes that pairing points hardly cover.
+// Condensation of the multipliers of nodes whose support is hardly covered by pairing points.
 #pragma once
 
 #include "pairing/pairing.h"
@@ -6,14 +6,14 @@
 namespace qsdolfinx
 {
 
-/// Let the neighbours carry the multipliers of nodes that are hardly covered, as beyond the rim of
-/// the master: their rows would nearly be those of the neighbours, and multipliers could not be
-/// told apart. Collective.
+/// Condense the multipliers of hardly covered nodes onto their neighbours, for instance at the
+/// boundary of the master surface. Their rows would be nearly the same as those of the neighbours,
+/// and the multipliers nearly undetermined. Collective.
 ///
-/// Where Σ_p w_p N_k(ξ_p) is less than `least` S_k, N_k is shared out among the other vertices of
-/// each facet, or given to that which is covered most if none of them is covered well. Multiplier
-/// functions still sum up to 1.
-/// @return number of such nodes (in corners: of their sides) of this rank
+/// Where Σ_p w_p N_k(ξ_p) is less than `least` S_k, N_k is distributed among the well covered
+/// vertices of each facet, or added to the vertex that is covered most if no vertex is covered
+/// well. Multiplier functions still sum up to 1.
+/// @return number of hardly covered nodes of this rank (in corners: of their sides)
 std::int64_t share_out_hardly_covered(PairingPoints& points, const Surface& slave, double least);
 
 } // namespace qsdolfinx

@@ -26,10 +26,10 @@ struct NearbyFacets : FacetCopies
   std::vector<std::int64_t> dofs; ///< [facet][trace][block]
   std::vector<int> owner;         ///< [facet][trace]
   std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
-  std::vector<double> curvature;  ///< [facet][6], if asked for
+  std::vector<double> curvature;  ///< [facet][6], if requested
   std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
-  std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces that follow their bodies
-  std::vector<double> key;        ///< Surface::keys, of surfaces that touch themselves
+  std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces with updated geometry
+  std::vector<double> key;        ///< Surface::keys, of surfaces in self-contact
 
   std::span<const double> key_of(std::size_t facet) const
   {
@@ -44,7 +44,7 @@ struct NearbyFacets : FacetCopies
   }
 };
 
-/// Of a surface: which part of its relief counts, and all that is known of it.
+/// Surface correction of one surface: its relief and the curvature of its facets.
 struct CurvedSide
 {
   CurvedSide(const Surface& surface, const Relief& relief, bool with_curvature)
@@ -53,12 +53,12 @@ struct CurvedSide
   {
   }
   Relief relief;
-  std::vector<Curvature> curvature; ///< by facet of this rank; empty if nobody asks for it
+  std::vector<Curvature> curvature; ///< by facet of this rank; empty if not requested
 };
 
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
 /// arrive in an order that depends on the partition. Collective.
-/// @param curved what the facets stand for, null if it is not wanted
+/// @param curved curved surface that the facets approximate, null if not needed
 /// @param with_curvature whether all ranks know their facets' curvature
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
                           const CurvedSide* curved = nullptr, bool with_curvature = false)
@@ -104,8 +104,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       from.touches_itself() ? exchange.forward<double>(key, key_size) : std::vector<double>{}};
 }
 
-/// Of a surface that touches itself, whether a facet and a copy of another may be in contact, the
-/// first one as the slave or not.
+/// Whether, in self-contact, a facet and a copy of another facet may be in contact with the given
+/// roles. @param is_slave whether the first facet is to be the slave
 bool has_role(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std::size_t g,
               bool is_slave)
 {
@@ -117,8 +117,8 @@ bool has_role(const Surface& cut, std::size_t f, const NearbyFacets& nearby, std
   return (first > 0 || (first == 0 && by_name)) == is_slave;
 }
 
-/// Whether two bodies are curved the same way along the line between two vertices of a facet where
-/// they differ most, one being convex and the other concave.
+/// Whether two bodies are curved the same way, one being convex and the other concave. This is
+/// checked along the line between two vertices of a facet where their curvatures differ most.
 bool conforming(const Curvature& a, const Curvature& b, FacetType type, std::span<const double> v)
 {
   double most = 0;
@@ -137,10 +137,10 @@ bool conforming(const Curvature& a, const Curvature& b, FacetType type, std::spa
   return out;
 }
 
-/// Whether neighbouring facets turn by rounding alone, on all ranks. Collective.
+/// Whether the angles between neighbouring facets are at rounding level, on all ranks. Collective.
 bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
 {
-  constexpr double rounding = 1e-6; // also that of coordinates in single precision
+  constexpr double rounding = 1e-6; // includes coordinates in single precision
   double most = 0;
   for (std::size_t f = 0; f < curvature.size(); ++f)
     for (double k : curvature[f])
@@ -149,7 +149,7 @@ bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
   return most < rounding;
 }
 
-/// What the facets of two surfaces that face each other stand for.
+/// Curved surfaces that the facets of two surfaces facing each other approximate.
 struct Curved
 {
   CurvedSide cut, other;
@@ -157,7 +157,7 @@ struct Curved
   std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
 };
 
-/// Area at ξ on a facet, over that of the reference facet.
+/// Area at ξ on a facet per area of the reference facet.
 double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
 {
   const auto v = surface.facet_x(f);
@@ -165,7 +165,7 @@ double stretch(const Surface& surface, std::size_t f, std::array<double, 2> xi)
          * surface.area_factor(facet_point(surface.type(), v, xi));
 }
 
-/// Where pieces are noted down.
+/// Appends pieces, their corners and points to a Pieces object.
 struct Record
 {
   Pieces& pieces;
@@ -212,26 +212,28 @@ private:
   }
 };
 
-/// Part of a facet that one facet of the other surface covers.
+/// Part of a facet that is covered by one facet of the other surface (a segment).
 struct Piece
 {
   std::size_t other;
   PlanarFacet planar;
   Polygon polygon;
   bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
-  /// Whether nothing tells a vertex of the polygon where points may begin from the others.
+  /// Whether no vertex of the polygon is distinguished as the first one for the quadrature points.
   bool even = false;
 };
 
-/// Middles of facets that are this near, as a part of the facet, are opposite to each other.
+/// Middles of two facets are opposite to each other if their distance in the plane, relative to the
+/// size of the facet, is less than this.
 constexpr double even_tolerance = 1e-6;
 
-/// A facet whose normal is this near to be across a line of sight, by the cosine, is seen edge-on:
-/// the line does not meet it but in rounding, and meets its neighbours.
+/// A facet is seen edge-on if the cosine of the angle between its normal and a line of sight is
+/// less than this. The line meets such a facet only by rounding, and it meets the neighbours.
 constexpr double edge_on_cosine = 1e-6;
 
-/// Facets that follow their bodies face each other up to this angle (60°): beside a tool's corner a
-/// facet that leans would be pushed by the wall, and that by several times what it moves.
+/// With updated geometry, facets face each other up to this angle (60°). Otherwise a leaning facet
+/// beside a tool's corner would be pushed by the wall, by several times the motion (see
+/// least_facing).
 constexpr double steep_cosine = -0.5;
 
 /// A facet that a line of sight may meet.
@@ -239,27 +241,28 @@ struct Screen
 {
   std::size_t facet;
   PlanarFacet planar;
-  bool opposed; ///< looks to where the line comes from
+  bool opposed; ///< faces the start of the line
 };
 
 /// Where a line meets a facet.
 struct Crossing
 {
-  double s;     ///< place along the line
+  double s;     ///< position along the line
   bool opposed; ///< see Screen
-  bool first;   ///< counts before the facet looked for, if they coincide
+  bool first;   ///< takes precedence over the facet in question if they coincide
 };
 
-/// Whether other facets that a line meets hide the opposed facet at s from the point at 0: if one
-/// lies between, or if the first one the other way is opposed, too, and nearer. Both ways count,
-/// as the point may be before its partner or have gone into it.
+/// Whether other facets that a line meets hide the opposed facet at s from the point at 0. They do
+/// if one of them lies between, or if the first facet in the other direction is also opposed, and
+/// nearer. Both directions count, since the point may be in front of its partner or may have
+/// penetrated it.
 /// @param tie distances that differ by less are equal
 bool hides(double s, std::span<const Crossing> others, double tie)
 {
   const double distance = std::abs(s);
   const auto wins = [&](double at, bool first)
   { return at < distance - tie || (at <= distance + tie && first); };
-  double behind = -std::numeric_limits<double>::infinity(); // the nearest the other way
+  double behind = -std::numeric_limits<double>::infinity(); // nearest one in the other direction
   bool behind_wins = false;
   for (const Crossing& c : others)
   {
@@ -283,8 +286,8 @@ bool hides(double s, std::span<const Crossing> others, double tie)
   return behind_wins;
 }
 
-/// Where the points of a piece are on a facet, and its shape functions there, with the constants
-/// that make their integrals exact.
+/// Positions of the points of a piece on a facet, and the facet's shape functions there, with the
+/// constants that make their integrals exact.
 struct ShapeValues
 {
   std::vector<Vec2> xi;
@@ -314,7 +317,8 @@ struct ShapeValues
       for (int i = 0; i < 4; ++i)
         missing[i] -= w[p] * N[p][i];
     }
-    // Functions sum to one also where a nearly folded facet's integrals are not quite exact.
+    // The functions must sum to one even if the integrals of a nearly folded facet are not quite
+    // exact.
     const double rest = (missing[0] + missing[1] + missing[2] + missing[3]) / 4;
     for (auto& values : N)
       for (int i = 0; i < 4; ++i)
@@ -391,11 +395,11 @@ private:
         continue;
       const bool opposed = dot(outward, outward_) < 0;
       if (of_itself_ && !opposed && same(nearby_.facet_x(g), cut_.facet_x(f)))
-        continue; // not the other side of a closed slit, which is at the same place
+        continue; // the same facet, not the other side of a closed slit
       if (!opposed && apart(planar.polygon(), nearby_.facet_x(g), frame))
         continue;
       PlanarFacet other(nearby_.type, nearby_.facet_x(g), frame);
-      if (!other.unfolded()) // warped, and seen from the side: it faces this one in part at most
+      if (!other.unfolded()) // warped and seen from the side: at most a part faces this facet
         continue;
       if (!opposed)
       {
@@ -405,7 +409,7 @@ private:
       intersect(other.polygon(), planar.polygon(), polygon_);
       if (!(measure(polygon_) > sliver_tolerance * area))
         continue;
-      // The points are not to depend on the order of a facet's vertices.
+      // The points must not depend on the order of a facet's vertices.
       bool even = false;
       if (cut_.type() != FacetType::interval)
         even = !begin_with_facets(f, g, frame);
@@ -416,13 +420,14 @@ private:
     }
   }
 
-  /// Cosine below which facets face each other. Where they follow the bodies a gap along the one's
-  /// normal n changes by 1/|m·n| times what the other one, with the normal m, moves.
+  /// Cosine below which facets face each other. With updated geometry, a gap along the normal n of
+  /// one facet changes by 1/|m·n| times the motion of the other facet, which has the normal m.
   double least_facing() const { return record_ ? steep_cosine : facing_cosine; }
 
-  /// Let the polygon begin at a vertex that goes along when both facets turn: far along the way
-  /// from the one's middle to the other's, turned by half a radian, that of two that are alike is
-  /// told from the other. @returns false if the middles are opposite to each other
+  /// Choose the first vertex of the polygon such that it does not change when both facets rotate:
+  /// the vertex that is first along the direction from one facet's middle to the other's, rotated
+  /// by half a radian to distinguish symmetric vertices.
+  /// @returns false if the middles are opposite to each other
   bool begin_with_facets(std::size_t f, std::size_t g, const Frame& frame)
   {
     const Vec2 way
@@ -434,7 +439,7 @@ private:
     return true;
   }
 
-  /// Facets near a facet that may lie before or behind it, ascending.
+  /// Find nearby facets that may lie in front of or behind a facet, ascending.
   void find_candidates(std::size_t f, const Frame& frame)
   {
     const auto v = cut_.facet_x(f);
@@ -454,8 +459,8 @@ private:
     std::ranges::sort(candidates_);
   }
 
-  /// Facets of the surface that is cut that the lines between it and the pieces may meet, or, if
-  /// continued by their lengths, find beyond the pieces.
+  /// Find facets of the surface that is cut which may be met by the lines between it and the
+  /// pieces, or by the continuation of these lines by their own length beyond the pieces.
   void find_own_screens(std::size_t f, const Frame& frame, const PlanarFacet& planar)
   {
     own_screens_.clear();
@@ -480,7 +485,7 @@ private:
     return std::abs(dot(outward, outward_)) < edge_on_cosine * norm(outward);
   }
 
-  /// Whether all of a facet, projected, lies beside a polygon. May miss that it does.
+  /// Whether a projected facet lies completely beside a polygon. May be false although it does.
   static bool apart(const Polygon& polygon, std::span<const double> x, const Frame& frame)
   {
     std::array<Vec2, 4> q;
@@ -490,7 +495,7 @@ private:
     return has_outside(polygon, std::span(q).first(n));
   }
 
-  /// A box of the lines from the facet to its pieces, continued by their lengths.
+  /// Box of the lines from the facet to its pieces, continued by their own length.
   Box box_of_lines(std::size_t f, const Frame& frame) const
   {
     double low = 0, high = 0;
@@ -515,7 +520,7 @@ private:
     return box;
   }
 
-  /// Where the line through x across the facet that is cut meets a facet.
+  /// Position at which the line through x, perpendicular to the facet that is cut, meets a facet.
   double place(const FacetCopies& of, std::size_t facet, const PlanarFacet& planar, const Vec2& q,
                const Vec3& x) const
   {
@@ -523,7 +528,7 @@ private:
     return dot(z - x, outward_);
   }
 
-  /// Whether the ends of the line from x to y, a point of the piece, cannot see each other.
+  /// Whether x and y, a point of the piece, are hidden from each other.
   bool is_hidden(std::size_t f, const Piece& piece, const Vec2& q, const Vec3& x, const Vec3& y)
   {
     const double s = dot(y - x, outward_);
@@ -545,8 +550,9 @@ private:
     return hides(-s, crossings_, tie_);
   }
 
-  /// Whether a facet is opposed to the one that is cut at q, and further behind it than it may be
-  /// by rounding: on the other side of the body's wall, or of another part that this is within.
+  /// Whether, at q, a facet opposed to the one that is cut lies behind it by more than rounding.
+  /// Such a facet is the other side of the body's wall, or belongs to another part of the body,
+  /// which this part has penetrated.
   bool is_anything_behind(std::size_t f, const Vec2& q, const Vec3& x) const
   {
     const double flush = flush_tolerance * cut_.facets().size[f];
@@ -558,9 +564,10 @@ private:
                                });
   }
 
-  /// Whether a point of a piece is not what x, on the same surface, touches: that is the first
-  /// facet before x, if the place just outside of x is free; if it is within the body, the first
-  /// one behind, through which x has come in. Facets that are nearly at x are either.
+  /// Whether a point of a piece is not the partner of x on the same surface. The partner is on the
+  /// first facet in front of x if the place just outside of x is free. If this place is within the
+  /// body, the partner is on the first facet behind x, through which x has entered. Facets that are
+  /// nearly at x count in both cases.
   bool is_another(std::size_t f, const Piece& piece, const Vec2& q, const Vec3& x, double s,
                   bool inside) const
   {
@@ -593,7 +600,7 @@ private:
                                   });
   }
 
-  /// Whether x is behind y, but has come in by another face.
+  /// Whether x is behind y, but has entered the body through another face.
   bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
   {
     return dot(y - x, outward_) < -shallow_tolerance * cut_.facets().size[f]
@@ -610,8 +617,9 @@ private:
     return name_of(a) < name_of(b);
   }
 
-  /// Outward normal of the surface that is cut, as the gap is to be measured.
-  /// @param n of this surface, @param a of the other one, of any length and either sign
+  /// Outward normal of the surface that is cut, along which the gap is measured.
+  /// @param n normal of this surface, @param a normal of the other one, of any length and either
+  /// sign
   Vec3 normal(const Vec3& n, const Vec3& a) const
   {
     if (normals_ == Normals::facet || (normals_ == Normals::master && !cut_is_slave_))
@@ -628,8 +636,8 @@ private:
     const auto v = cut_.facet_x(f), z = nearby_.facet_x(piece.other);
     q_.clear();
     w_.clear();
-    // Shape functions of quadrilaterals are not integrated exactly: turned surfaces are to be
-    // alike.
+    // Shape functions of quadrilaterals are not integrated exactly; the result must not depend on a
+    // rotation of the surfaces.
     const bool from_middle = piece.even || !(planar.affine() && piece.planar.affine());
     const Triangles triangles(piece.polygon, from_middle);
     if (record_)
@@ -711,7 +719,7 @@ private:
     }
   }
 
-  /// Points of the triangles of a piece, and where they are in these.
+  /// Append the points of the triangles of a piece, and their positions in the triangles.
   void append_points_of_triangles(const Polygon& polygon, const Triangles& triangles)
   {
     const auto place = [&](std::uint8_t corner)
@@ -730,7 +738,8 @@ private:
     }
   }
 
-  /// Note down what the corners of a piece are. @param around numbers of those that are not ears
+  /// Record the sources of the corners of a piece. @param around numbers of the corners that are
+  /// not ears
   void append_corners(const PlanarFacet& planar, const Piece& piece,
                       const std::vector<std::uint8_t>& around)
   {
@@ -739,14 +748,14 @@ private:
     {
       const auto distance = [&](const CornerSource& source)
       { return std::hypot(source.q[0] - piece.polygon[i][0], source.q[1] - piece.polygon[i][1]); };
-      const auto source = std::ranges::min_element(sources_, {}, distance); // it is 0
+      const auto source = std::ranges::min_element(sources_, {}, distance); // 0
       PieceCorner corner{source->b, source->a};
       corner.around = std::ranges::find(around, i) != around.end();
       record_->append_corner(corner);
     }
   }
 
-  /// Gap and normal between the surfaces that the facets stand for, in place of the facets' own.
+  /// Replace gap and normal of the facets by those of the surfaces that the facets approximate.
   /// @param n, a normal of the facet that is cut, and area vector of the other, both outward
   /// @param distance of the facets along the line through both points
   void lift(std::size_t f, std::size_t other, std::size_t p, const Vec3& n, const Vec3& a,
@@ -772,7 +781,7 @@ private:
         = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
                  nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
     Vec3 n_here = here.normal, n_there = there.normal;
-    // A rigid tool's normals are those of its own surface, whatever part of its curvature counts.
+    // A rigid tool's normals are those of its own surface, whichever part of its curvature is used.
     if (normals_ == Normals::master && cut_is_slave_)
       n_there = lifted(curved_->other.relief, nearby_.heights, other, of_other, nearby_.type, z,
                        there_.xi[p], (1 / norm(a)) * a)
@@ -782,17 +791,17 @@ private:
                       here_.xi[p], n)
                    .normal;
     outward = normal((1 / norm(n_here)) * n_here, n_there);
-    // Newton's step from each facet along the line to the surface over it, on which it lands but
-    // for what is of third order.
+    // Newton's step from each facet along the line to the surface above it. It reaches the surface
+    // up to an error of third order.
     const double between = distance - here.height / dot(here.normal, outward_)
                            + there.height / dot(there.normal, outward_);
     gap = between * dot(outward_, outward);
   }
 
-  /// What a facet stands for at one point.
+  /// Curved surface above a facet at one point.
   struct Lifted
   {
-    double height; ///< over the facet, along its outward normal
+    double height; ///< above the facet, along its outward normal
     Vec3 normal;   ///< outward, of the surface; of unit length along the facet's normal
   };
 
@@ -836,8 +845,8 @@ private:
 
   PairingPoints& points_;
   const Surface& cut_;
-  const Curved* curved_; // null if facets are taken as they are
-  Record* record_;       // null if only points are wanted
+  const Curved* curved_; // null if gaps are measured between the facets
+  Record* record_;       // null if only points are needed
   NearbyFacets nearby_;  // of the other surface
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
@@ -848,12 +857,12 @@ private:
   SearchRadius reach_;
   Normals normals_;
   const OverlayRules& rules_;
-  // Of the present facet.
+  // Of the current facet.
   Vec3 outward_{0, 0, 0};
   double tie_ = 0;
   bool of_itself_; ///< whether both are the same surface
   bool asking_ = false;
-  std::vector<Vec3> asked_x_, asked_normal_; ///< points with anything behind them, as they come
+  std::vector<Vec3> asked_x_, asked_normal_; ///< points with a facet behind them, in order
   std::vector<std::size_t> asked_facet_;
   std::vector<std::uint8_t> inside_; ///< whether they are within another part of the body
   std::size_t next_answer_ = 0;
@@ -904,13 +913,13 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 
 namespace
 {
-/// No pieces yet, of facets of these surfaces.
+/// Empty pieces for facets of these surfaces.
 Pieces no_pieces(const Surface& slave, const Surface& master)
 {
   const auto side = [](const Surface& s)
   { return PieceSide{s.type(), s.degree(), s.num_trace(), {}, {}, {}, {}}; };
   if (slave.block() != slave.gdim())
-    throw std::invalid_argument("scalar fields have no gaps that follow the bodies");
+    throw std::invalid_argument("scalar fields have no gaps with updated geometry");
   Pieces out;
   out.gdim = slave.gdim();
   out.axisymmetric = slave.axisymmetric();

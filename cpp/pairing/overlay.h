@@ -1,4 +1,4 @@
-// Pairing points on the overlay of two surfaces: exact quadrature of (7).
+// Pairing points on the segments of two surfaces (their overlay): exact quadrature of (7).
 #pragma once
 
 #include "geometry/planar.h"
@@ -9,62 +9,65 @@
 namespace qsdolfinx
 {
 
-/// Parts of a facet that are smaller than this part of its area are left out of the overlay: what
-/// sides that coincide, see `intersect`, leave of it.
+/// Intersections that are smaller than this fraction of the facet's area are left out of the
+/// overlay. They are remainders of sides that coincide, see `intersect`.
 inline constexpr double sliver_tolerance = 4e-9;
 
-/// Quadrature on the pieces of the overlay.
+/// Quadrature rules on the pieces (segments) of the overlay.
 struct OverlayRules
 {
   Rule piece; ///< points on the interval [0, 1] (2D) or triangle (3D)
   Rule edge;  ///< points on the interval for integrals along edges, see PlanarFacet::integrals
 };
 
-/// Pairing points on the overlay of two surfaces, on the ranks that own the facets they were made
-/// from. Collective.
+/// Compute pairing points on the overlay of two surfaces. Each point is on the rank that owns the
+/// facet that was cut. Collective.
 ///
-/// Every facet of the slave, and with `both` also every facet of the master, each with half the
-/// weight, is cut along the facets of the other surface that it faces. Those are projected onto its
-/// plane, along its normal, which is the direction from ξ_p to ζ_p as well. The normal n_p is
-/// chosen by `normals`. A pair of points counts if each sees the other: on the line through both,
-/// looking both ways, nothing of its surface is met before it, and it is the nearer of two; and if
-/// they have no shorter way out of each other's body, see WaysOut.
+/// Every facet of the slave is cut into segments along the facets of the other surface that it
+/// faces. With `both` every facet of the master is cut as well, and each side has half the weight.
+/// The facets of the other surface are projected onto the plane of the facet that is cut, along its
+/// normal, which is also the direction from ξ_p to ζ_p. The normal n_p is chosen by `normals`. A
+/// pair of points counts if the points are visible from each other: on the line through both, in
+/// both directions, no other facet of a point's own surface is met before the point, and the point
+/// is the nearer one of two. In addition there must be no shorter way for them out of the other
+/// body, see WaysOut.
 ///
 /// The shape functions of general quadrilaterals are not polynomials in the plane. On each piece a
-/// constant is added to them that makes Σ w_p N_i(ξ_p) the exact integral; their sum stays 1 and
-/// they still interpolate positions exactly.
+/// constant is added to each of them, so that Σ w_p N_i(ξ_p) is the exact integral. Their sum stays
+/// 1, and they still interpolate positions exactly.
 ///
-/// @param both (7) with both halves; otherwise the integral over the slave alone
+/// @param both whether both halves of (7) are integrated; otherwise only the integral over the
+/// slave
 /// @param radius points further than this from the other surface are left out
-/// @param normals which normals n_p are
+/// @param normals choice of the normals n_p
 /// @param rules quadrature
-/// @param slave_relief, master_relief what of the curved surfaces that the facets approximate gaps
-/// are measured from
+/// @param slave_relief, master_relief surface corrections: the part of the height of the curved
+/// surfaces above the facets that is used in gaps
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                const SearchRadius& radius, Normals normals,
                                const OverlayRules& rules, const Relief& slave_relief,
                                const Relief& master_relief);
 
-/// The same pieces with the facets they were cut from, gaps being along the normals of these, which
-/// have been solved for.
-/// Collective.
-/// @param slave, master surfaces that follow their bodies, see Surface::follow
+/// Compute the pieces of the overlay together with their facets, for updated geometry. Gaps are
+/// measured along the normals of the facets that were cut; the ends of the rays have been solved
+/// for. Collective.
+/// @param slave, master surfaces with updated geometry, see Surface::follow
 Pieces overlay_pieces(const Surface& slave, const Surface& master, bool both,
                       const SearchRadius& radius, const OverlayRules& rules);
 
-/// Where surfaces are curved the same way, at a point of the overlay.
+/// A point of the overlay where both surfaces are curved the same way.
 struct ConformingPoint
 {
-  double slave, master; ///< how far the surfaces bulge out of the facets, along the slave's normal,
-                        ///< by the curvature that both share
-  double gap;           ///< of the curved surfaces
+  double slave, master; ///< heights of the surfaces above the facets, along the slave's normal,
+                        ///< from the curvature that both share
+  double gap;           ///< gap between the curved surfaces
   double weight;        ///< area
 };
 
-/// Points of the slave, paired with the master, where both are curved the same way, by radii that
-/// differ by less than a factor of two. Collective.
-/// @param slave_relief, master_relief where curvatures are known from
-/// @param area of all points of the slave that are paired on this rank
+/// Find points of the slave, paired with the master, where both surfaces are curved the same way
+/// with radii that differ by less than a factor of two. Collective.
+/// @param slave_relief, master_relief source of the curvatures
+/// @param area set to the area of all points of the slave that are paired on this rank
 std::vector<ConformingPoint> conforming_points(const Surface& slave, const Surface& master,
                                                const SearchRadius& radius,
                                                const OverlayRules& rules,

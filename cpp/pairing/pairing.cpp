@@ -11,7 +11,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Places that are apart by less than this part of a facet are the same: rounding.
+/// Positions whose distance is less than this fraction of a facet are the same up to rounding.
 constexpr double same_place = 1e-6;
 
 /// Keep entries of `width` values for which `keep` is set.
@@ -28,7 +28,7 @@ void filter(std::vector<T>& values, std::span<const std::uint8_t> keep, std::siz
   values.resize(next * width);
 }
 
-/// A point within a facet, as found for node k.
+/// Append the point within a facet that was found for node k.
 void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, int block)
 {
   append_record(side.x, found.x, k, 3);
@@ -37,14 +37,14 @@ void append_facet(PairingSide& side, const ClosestFacets& found, std::size_t k, 
   append_record(side.shape_values, found.shape_values, k, side.num_nodes);
 }
 
-/// Whether a place looks past what is closest to it: that ends there, or turns away.
+/// Whether a place is beside its closest facets: the surface ends there, or bends away.
 /// @param size of facets, in which rounding is measured
 bool is_beside(const Vec3& place, const ClosestFacets& found, std::size_t i, double size)
 {
   const auto k = static_cast<int>(i);
   const Vec3 mean = facet_vertex(found.mean_normal, k), away = place - facet_vertex(found.x, k);
   const double length = norm(mean), height = dot(away, mean) / length;
-  // At an edge that all its facets see the place from, it is in the cone of their normals.
+  // At an edge whose facets all face the place, the place is within the cone of their normals.
   const double cone = std::sqrt(std::max(1 - length * length, 0.0)) / length;
   const double offset = norm(away - (height / length) * mean);
   return offset > cone * std::abs(height) + same_place * size;
@@ -55,7 +55,7 @@ class NodalPoints
 {
 public:
   /// @param at_slave whether the nodes are the slave's
-  /// @param share part of the area of a node that is the weight
+  /// @param share fraction of a node's area that is the weight
   NodalPoints(PairingPoints& points, const Surface& at, bool at_slave, double share,
               Normals normals)
       : points_(points), nodes_(at.nodes()), rank_(at.rank()),
@@ -65,21 +65,22 @@ public:
   {
   }
 
-  /// Node k and what was found for it, or for a side of it. @param of places and areas of nodes
-  /// @param normals the nodes' or, at creases, those of the sides that face what was found
-  /// @param entry in these and in what was found
+  /// Append a point for node k and the facet found for it, or for one of its sides.
+  /// @param of positions and areas of nodes
+  /// @param normals normals of the nodes or, on sharp edges, of the sides that face the found facet
+  /// @param entry index into `of`, `normals` and `found`
   void append(std::size_t k, const Nodes& of, const std::vector<double>& normals,
               const ClosestFacets& found, std::size_t entry, std::uint8_t side)
   {
     append_node(node_side_, nodes_, k, points_.block, rank_);
     append_facet(facet_side_, found, entry, points_.block);
     append_side(found, entry, side);
-    // The facet's normal is outward of its own body: it points into the slave if the master has the
-    // facet.
+    // The facet's normal points out of its own body, and therefore into the slave if the facet is
+    // the master's.
     const double sign = at_slave_ ? -1.0 : 1.0;
     const auto at = [entry](const std::vector<double>& v)
     { return facet_vertex(v, static_cast<int>(entry)); };
-    // Into the node, as the facet's normal.
+    // Both point into the node's body, as the facet's normal does.
     const Vec3 of_facet = at(found.normal), of_node = -1.0 * at(normals);
     const bool one = normals_ != Normals::bisector;
     const bool by_node = normals_ == Normals::master && !at_slave_;
@@ -110,7 +111,7 @@ private:
   Normals normals_;
 };
 
-/// Note which nodes of the slave are in corners, and the areas of their sides.
+/// Store which nodes of the slave are in corners, and the areas of their sides.
 void take_corners(PairingPoints& points, const Corners& corners)
 {
   points.by_sides = true;
@@ -122,15 +123,15 @@ void take_corners(PairingPoints& points, const Corners& corners)
         = corners.sides.at.area[i];
 }
 
-/// Normals of nodes, [node][3]; at creases of the smooth side that looks most at what was found:
-/// the mean with faces beside it would tilt the pair.
+/// Normals of nodes, [node][3]. On sharp edges they are those of the smooth side that faces the
+/// found facet most: the mean with the faces beside it would tilt the normal of the pair.
 std::vector<double> facing_normals(const Surface& at, const ClosestFacets& found)
 {
   std::vector<double> out = at.nodes().normal;
   if (!at.has_creases())
     return out;
   const Sides sides = at.sides();
-  std::size_t last = out.size(); // node that was seen
+  std::size_t last = out.size(); // previous node
   double best = 0;
   for (std::size_t i = 0; i < sides.node.size(); ++i)
   {
@@ -149,7 +150,7 @@ std::vector<double> facing_normals(const Surface& at, const ClosestFacets& found
   return out;
 }
 
-/// Points at the nodes of one side, projected onto the other; see NodalPoints.
+/// Append points at the nodes of one side, projected onto the other side; see NodalPoints.
 /// @param sides of the facets' vertices, see closest_facets
 void append_nodal_points(PairingPoints& points, const Surface& at, const Surface& onto,
                          bool at_slave, double share, const SearchRadius& radius, Normals normals,
@@ -169,7 +170,7 @@ void append_nodal_points(PairingPoints& points, const Surface& at, const Surface
   const std::vector<double> facing
       = normals == Normals::facet ? nodes.normal : facing_normals(at, found);
   points.reserve(points.size() + nodes.size());
-  std::size_t entry = 0; // of the sides of nodes at creases
+  std::size_t entry = 0; // of the sides of nodes on sharp edges
   for (std::size_t k = 0; k < nodes.size(); ++k)
   {
     for (; entry < corners.sides.node.size() && corners.sides.node[entry] == k; ++entry)
@@ -339,16 +340,16 @@ PairingPoints qsdolfinx::pair_surfaces(const Surface& slave, const Surface& mast
 
 namespace
 {
-/// Nodes of a surface and what is closest to each.
+/// Nodes of a surface, and the closest facet for each.
 struct Faced
 {
-  std::vector<std::size_t> node, entry; ///< numbers of nodes, and of what was found for them
+  std::vector<std::size_t> node, entry; ///< numbers of nodes, and of their entries in `found`
   Nodes places;                         ///< of each entry
   ClosestFacets found;
 };
 
-/// Find what some nodes face: with their own normals, or with those of each of their smooth sides;
-/// the closest counts. Collective. @param which of the owned nodes
+/// Find the facets that some nodes face, with the nodes' own normals or with those of each of their
+/// smooth sides; the closest facet is taken. Collective. @param which whether an owned node is used
 Faced face_vertices(const Surface& slave, const Surface& master,
                     std::span<const std::uint8_t> which, const SearchRadius& radius)
 {
@@ -437,7 +438,7 @@ Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master, boo
   {
     const std::size_t k = faced.node[i], e = faced.entry[i];
     const ClosestFacets& found = faced.found;
-    for (int j = 0; j < own.num_trace(); ++j) // the node is its first vertex, others do not count
+    for (int j = 0; j < own.num_trace(); ++j) // the node is its first vertex, others are unused
     {
       append_record(at.x, nodes.x, k, 3);
       if (j > 0)

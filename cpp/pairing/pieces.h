@@ -1,4 +1,5 @@
-// Pieces of the overlay with the facets they were cut from: what gaps that follow the bodies need.
+// Pieces (segments) of the overlay with the facets they were cut from, for gaps with updated
+// geometry.
 #pragma once
 
 #include "sliding/motion.h"
@@ -15,7 +16,7 @@ struct PieceSide
 {
   FacetType type = FacetType::interval;
   int degree = 1, num_nodes = 0;
-  std::vector<double> x;           ///< where the nodes are, [piece][node][3]
+  std::vector<double> x;           ///< positions of the nodes, [piece][node][3]
   std::vector<double> orientation; ///< as Facets::orientation, [piece]
   std::vector<std::int64_t> dofs;  ///< unknowns, [piece][node][gdim]
   std::vector<int> owner;          ///< their owners, [piece][node]
@@ -33,19 +34,21 @@ struct Pieces
   int gdim = 0, num_multipliers = 0;
   bool along_other = false; ///< as RayPair::along_other
   PieceSide slave, master;
-  std::vector<double> rise;        ///< as RayPair::rise, [piece][vertex][vertex]; empty without
-  std::vector<double> rise_normal; ///< likewise, [piece][vertex][3]
+  std::vector<double> rise;        ///< as RayPair::rise, [piece][vertex][vertex]; empty if there is
+                                   ///< none
+  std::vector<double> rise_normal; ///< as RayPair::rise_normal, [piece][vertex][3]
   std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::uint8_t> is_missed;       ///< whether a ray meets no point, [piece]
   bool axisymmetric = false;                 ///< as PieceShape::axisymmetric
-  // Of facets that were cut; empty of vertices.
-  std::vector<std::size_t> corner_end; ///< corners of a piece, as points
+  // For pieces of facets that were cut; empty for points at vertices.
+  std::vector<std::size_t> corner_end; ///< corners of a piece: [corner_end[piece - 1],
+                                       ///< corner_end[piece])
   std::vector<PieceCorner> corners;
   std::vector<PointPlace> places;      ///< [point]
-  mutable std::vector<double> motions; ///< see motions_of; empty as long as nobody has asked
+  mutable std::vector<double> motions; ///< cache of motions_of; empty before its first call
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
@@ -56,7 +59,7 @@ struct Pieces
   {
     return part_of(std::span(points), end, piece);
   }
-  /// How its points move on the facet.
+  /// Data for the motion of the piece's points on the facet; empty if they do not move.
   PieceShape shape_of(std::size_t piece) const
   {
     if (corner_end.empty())
@@ -78,7 +81,8 @@ private:
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
 
-/// See point_motions, [point][3][node][3], the slave's nodes first: found when first asked for.
+/// Results of point_motions for all points, [point][3][node][3], the slave's nodes first. Computed
+/// in the first call.
 const std::vector<double>& motions_of(const Pieces& pieces);
 
 /// Find where the rays of all points meet the other facets.

@@ -1,4 +1,4 @@
-// Pairing points with a rigid tool, which has no unknowns: the master's side keeps positions alone.
+// Pairing points with a rigid tool, which has no unknowns: the master's side stores only positions.
 #pragma once
 
 #include "geometry/planar.h"
@@ -8,31 +8,32 @@
 namespace qsdolfinx
 {
 
-/// Points at the nodes of a slave surface, with weights S_k, outward normals and no gap.
+/// Create points at the nodes of a slave surface, with weights S_k, outward normals and gap 0.
 PairingPoints sample_nodes(const Surface& slave);
 
-/// The same at some of its owned nodes, whatever the degree. @param which [node]
+/// Create such points at some of its owned nodes, for any degree. @param which whether a node is
+/// used, [node]
 /// @throws std::invalid_argument on another number of nodes
 PairingPoints sample_vertices(const Surface& slave, std::span<const std::uint8_t> which);
 
-/// Quadrature points on the facets of a slave surface, facet by facet, with outward normals and no
-/// gap. @param rule points on the reference facet, weights sum to 1
+/// Create quadrature points on the facets of a slave surface, facet by facet, with outward normals
+/// and gap 0. @param rule points on the reference facet, weights sum to 1
 PairingPoints sample_facets(const Surface& slave, const Rule& rule);
 
-/// How far the surface that the facets stand for is out of them at these points, along its outward
-/// normal. Collective.
+/// Height of the surface that the facets approximate above these points, along its outward normal.
+/// Collective.
 std::vector<double> heights_at(const Surface& surface, const Relief& relief, const Rule& rule);
 
-/// Set normals and gaps, and drop points that see nothing of the tool. What loses all its points
-/// counts as unpaired.
+/// Set normals and gaps, and remove points that have no point of the tool opposite. A node or facet
+/// that loses all its points counts as unpaired.
 /// @param keep whether a point stays, [point]
 /// @param normal n_p, into the tool, [point][3]
 /// @param gap signed distance, positive when open, [point]
-/// @param group number of points at each node or facet, one after the other
+/// @param group number of consecutive points that belong to one node or facet
 void face_tool(PairingPoints& points, std::span<const std::uint8_t> keep,
                std::span<const double> normal, std::span<const double> gap, std::size_t group);
 
-/// Forget the unknowns of the master.
+/// Remove the unknowns of the master.
 void forget_master(PairingPoints& points);
 
 } // namespace qsdolfinx

@@ -4,7 +4,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Cosine of the angle of normals from which on facets looked at each other.
+/// Cosine of the angle between normals below which facets faced each other.
 constexpr double opposed_cosine = -0.2;
 
 } // namespace
@@ -22,7 +22,7 @@ int qsdolfinx::is_slave_of(std::span<const double> key, std::span<const double> 
 bool qsdolfinx::is_own_wall(std::span<const double> key, std::span<const double> other,
                             double depth, double size)
 {
-  constexpr double thinnest = 0.3; // part of what the wall was thick
+  constexpr double thinnest = 0.3; // fraction of the initial wall thickness
   const Vec3 n = facet_vertex(key, 0), m = facet_vertex(other, 0);
   const double thickness = dot(facet_vertex(key, 1) - facet_vertex(other, 1), n);
   const bool both_free = key[6] > 0 && other[6] > 0;

@@ -1,4 +1,4 @@
-// Sparse personalised exchange: every rank sends fixed-width records to the ranks it names.
+// Sparse personalised exchange: every rank sends fixed-width records to ranks of its choice.
 #pragma once
 
 #include <algorithm>
@@ -11,11 +11,11 @@
 namespace qsdolfinx
 {
 
-/// Routes records to ranks by point-to-point messages, so that the cost depends on the ranks that
-/// really talk to each other.
+/// Routes records to ranks by point-to-point messages, so that the cost depends only on the ranks
+/// that actually exchange messages.
 ///
-/// Records arrive ordered by source rank, and in sending order within a rank; `reverse` carries one
-/// answer per received record back to where it came from, in sending order.
+/// Records arrive ordered by source rank, and in sending order within a rank. `reverse` returns one
+/// answer per received record to its sender, in sending order.
 class Exchange
 {
 public:

@@ -1,4 +1,4 @@
-// Return codes and the end of PETSc.
+// Checks of PETSc return codes and of the finalisation of PETSc and MPI.
 #pragma once
 
 #include <petscsys.h>
@@ -15,7 +15,8 @@ inline void check(PetscErrorCode code)
     throw std::runtime_error("PETSc error " + std::to_string(code));
 }
 
-/// Whether objects of PETSc and MPI can be destroyed: Python may let go of its own after their end.
+/// Whether objects of PETSc and MPI can still be destroyed: Python may release its objects after
+/// PETSc and MPI have been finalised.
 inline bool petsc_is_running()
 {
   PetscBool petsc_ended = PETSC_FALSE;

@@ -112,8 +112,8 @@ bool LocalSearch::faces(const Candidate& c, const Vec3& normal) const
   return surface_.facets().orientation[c.facet] * dot(a, normal) < facing_cosine * norm(a);
 }
 
-/// No facet further than this is closest: the radius, or the distance of the facet that was found
-/// for the last node, which often is a neighbour.
+/// Upper bound of the distance of the closest facet: the radius, or the distance of the facet that
+/// was found for the previous node, which often is a neighbour.
 double LocalSearch::bound(const Vec3& p, const Vec3& normal) const
 {
   if (last_ >= surface_.num_facets())

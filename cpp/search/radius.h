@@ -1,4 +1,4 @@
-// How far from each other points may be that are paired.
+// Search distance: largest distance of points that are paired.
 #pragma once
 
 #include <algorithm>
@@ -6,8 +6,9 @@
 namespace qsdolfinx
 {
 
-/// One distance everywhere; or the size of the larger of the facets that two points belong to, so
-/// that what is coarse reaches further than what is fine, and at most that distance.
+/// Search distance: either one value everywhere, or the size of the larger of the two facets, at
+/// most this value. In the second case the search distance is larger for coarse facets than for
+/// fine ones.
 struct SearchRadius
 {
   double largest;

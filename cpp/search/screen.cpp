@@ -7,7 +7,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Where the line x + t d meets the segment from a to b, in the xy-plane.
+/// Parameter t at which the line x + t d meets the segment from a to b, in the xy-plane.
 std::optional<double> meet_segment(const Vec3& x, const Vec3& d, const Vec3& a, const Vec3& b)
 {
   const Vec3 e = b - a, r = a - x;
@@ -20,7 +20,7 @@ std::optional<double> meet_segment(const Vec3& x, const Vec3& d, const Vec3& a, 
   return (r[0] * e[1] - r[1] * e[0]) / det;
 }
 
-/// Where the line x + t d meets the triangle a, b, c (Möller & Trumbore).
+/// Parameter t at which the line x + t d meets the triangle a, b, c (Möller & Trumbore).
 std::optional<double> meet_triangle(const Vec3& x, const Vec3& d, const Vec3& a, const Vec3& b,
                                     const Vec3& c)
 {
@@ -54,7 +54,7 @@ bool has_vertex(const FacetView& facets, std::size_t f, const Vec3& p, double to
   return false;
 }
 
-/// Looks along one line.
+/// Visibility test along one line.
 class Look
 {
 public:
@@ -68,7 +68,7 @@ public:
 
   void through(const FacetView& facets)
   {
-    if (end_ >= 1 || facets.x.empty()) // the ends touch each other, or nothing is there
+    if (end_ >= 1 || facets.x.empty()) // the ends touch each other, or there are no facets
       return;
     facets.tree.along(LinePart(line_.x, d_, own_ ? 2.0 : 1.0, touching_),
                       [&](std::size_t f) { meet(facets, f); });
@@ -93,7 +93,7 @@ private:
     }
   }
 
-  /// Whether y is on a facet, which may be warped: the line may meet it beside y.
+  /// Whether y is on a facet. The facet may be warped, and the line may meet it beside y.
   bool is_at_end(const FacetView& facets, std::size_t f) const
   {
     return closest_point(facets.type, facets.facet_x(f), line_.y).distance <= 10 * touching_;
@@ -103,8 +103,8 @@ private:
   bool own_;
   double touching_;
   Vec3 d_;
-  double end_;    ///< what touches an end, as a part of the line
-  double beyond_; ///< the first that was met beyond y
+  double end_;    ///< tolerance at the ends, as a fraction of the line
+  double beyond_; ///< position of the first facet met beyond y
   bool between_ = false, looks_alike_ = false;
 };
 

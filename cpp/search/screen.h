@@ -1,4 +1,4 @@
-// Facets that stand between a point and its partner.
+// Visibility: facets that lie between a point and its partner.
 #pragma once
 
 #include "geometry/boxes.h"
@@ -9,11 +9,11 @@
 namespace qsdolfinx
 {
 
-/// A facet that is nearer to an end of a line of sight than this part of the smallest facet's size
-/// touches that end, and is not between the ends.
+/// A facet that is nearer to an end of a line of sight than this fraction of the smallest facet's
+/// size touches this end, and does not count as lying between the ends.
 inline constexpr double touch_tolerance = 1e-6;
 
-/// Copies of the facets of a surface that this rank may have to look through.
+/// Copies of those facets of a surface that may hide points from each other on this rank.
 struct FacetCopies
 {
   FacetType type;
@@ -33,7 +33,8 @@ struct FacetCopies
   }
 };
 
-/// Facets that a line may meet or a point be near: those of a rank or copies of others'.
+/// View of facets that a line may meet or that may be near a point: those of this rank, or copies
+/// of those of other ranks.
 struct FacetView
 {
   FacetType type;
@@ -53,11 +54,13 @@ struct FacetView
   }
 };
 
-/// Where the line x + t d meets a facet, if it does, as t; a quadrilateral is two triangles.
+/// Parameter t at which the line x + t d meets a facet, if it does. A quadrilateral is treated as
+/// two triangles.
 std::optional<double> meet_facet(const Vec3& x, const Vec3& d, FacetType type,
                                  std::span<const double> v);
 
-/// All facets of a surface that may meet a box: this rank's, and copies of those of others.
+/// All facets of a surface that may meet a box: facets of this rank, and copies of facets of other
+/// ranks.
 class NearFacets
 {
 public:
@@ -71,7 +74,8 @@ private:
   BoxTree tree_;
 };
 
-/// Ranks, and facets of this rank that meet the ranks' boxes. @param boxes of all ranks
+/// Find pairs of a rank and a facet of this rank that meets the rank's box. @param boxes of all
+/// ranks
 void facets_in_boxes(const Surface& surface, std::span<const Box> boxes, std::vector<int>& rank,
                      std::vector<std::size_t>& facet);
 
@@ -83,17 +87,18 @@ struct Sight
   bool is_deep = false; ///< whether x is far behind y
 };
 
-/// Which facets hide x from y.
+/// Kinds of facets that may hide x from y.
 enum class Screens
 {
-  backs, ///< those of y's surface that are seen from behind; of those that are deep, all
-  own    ///< those of x's surface, but those with x as a vertex
+  backs, ///< facets of y's surface that are seen from behind; all its facets if the point is deep
+  own    ///< facets of x's surface, except those with x as a vertex
 };
 
 /// Whether facets of a surface hide the ends of the lines from each other, [line]. Collective.
 ///
-/// They do if one lies between x and y. With `own` also, if the first one beyond y is nearer to y
-/// than x is and looks as x does: then y is that facet's, as y is in front of it or just behind.
+/// They do if a facet lies between x and y. With `own` they also do if the first facet beyond y is
+/// nearer to y than x is and has its normal on the same side as x: y then belongs to this facet,
+/// since y is in front of it or just behind it.
 std::vector<std::uint8_t> hidden(const Surface& surface, std::span<const Sight> lines,
                                  Screens screens);
 

@@ -14,21 +14,22 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Part of a facet from which on a node is asked whether it is where it seems to be.
+/// Depth, as a fraction of the facet size, from which a node is checked for facets in between.
 constexpr double deep_part = 0.5;
 
-/// The first facet that is asked for, whatever its distance and wherever the node's foot is.
+/// Value of Question::beyond for the first query: the closest facet at any distance, wherever the
+/// node's projection is.
 constexpr double any_distance = -1;
 
-/// Closest points of facets that are equally close are the same point if they are nearer to each
-/// other than this many times what distances may differ by.
+/// Closest points of equally close facets are the same point if their distance is less than this
+/// many times the tolerance for equal distances.
 constexpr double same_point = 1e4;
 
-/// A node that looks for a partner.
+/// A query for the partner of a node.
 struct Question
 {
   std::size_t node;
-  double beyond; ///< any_distance, or what is in front and further away than this
+  double beyond; ///< any_distance, or: only facets in front and further away than this
 };
 
 /// Questions sent to every rank whose facets might be within the radius.
@@ -52,8 +53,8 @@ std::vector<int> ranks_near(std::span<const Box> boxes, std::span<const double> 
   return out;
 }
 
-/// Sends questions of nodes that may be near facets of other ranks; the others are `here`: they may
-/// be near this rank's facets alone.
+/// Send the queries of nodes that may be near facets of other ranks. The other queries are returned
+/// in `here`: their nodes can only be near facets of this rank.
 Queries send_queries(const Places& n, const Surface& surface, std::span<const Box> boxes,
                      std::span<const Question> questions, std::vector<Question>& here)
 {
@@ -96,7 +97,7 @@ std::span<const double> nodes_of(const Surface& s, std::size_t facet)
   return s.follows() ? std::span(s.facets().trace_x).subspan(facet * size, size) : s.facet_x(facet);
 }
 
-/// Candidates flattened for the way back: one record each.
+/// Candidates flattened for sending them back: one record each.
 struct Answers
 {
   int nv, nt, block;
@@ -105,7 +106,7 @@ struct Answers
   std::vector<double> values;
   std::vector<std::int64_t> dofs; ///< [record][trace node][block]
   std::vector<int> owner;         ///< [record][trace node]
-  std::vector<std::uint8_t> side; ///< [record][vertex], if asked for
+  std::vector<std::uint8_t> side; ///< [record][vertex], if requested
 
   int width() const { return 11 + nt + 3 * nv + 3 * nt; }
   std::span<const double> value(std::size_t i) const
@@ -137,7 +138,7 @@ struct Answers
     values.insert(values.end(), name.begin(), name.begin() + v.size());
     const auto nodes = nodes_of(s, c.facet);
     values.insert(values.end(), nodes.begin(), nodes.end());
-    values.resize(query.size() * width(), 0.0); // nodes of degree 2 of a surface that stays
+    values.resize(query.size() * width(), 0.0); // degree 2 without updated geometry: no nodes
     append_record(dofs, s.facets().dofs, c.facet, nt * block);
     append_record(owner, s.facets().owner, c.facet, nt);
     if (sides)
@@ -186,7 +187,8 @@ Answers answer_queries(const Surface& surface, LocalSearch& search, const Querie
   return out;
 }
 
-/// For every node the largest distance that counts as the smallest among the answers.
+/// For every node the largest distance that still counts as equal to the smallest one in the
+/// answers.
 std::vector<double> limits(const Answers& a, const Queries& q, std::size_t num_nodes)
 {
   std::vector<double> limit(num_nodes, std::numeric_limits<double>::infinity());
@@ -198,8 +200,8 @@ std::vector<double> limits(const Answers& a, const Queries& q, std::size_t num_n
   return limit;
 }
 
-/// Best answer for every node: smallest distance; of equal ones within the radius the first in the
-/// order of names.
+/// Best answer for every node: the smallest distance; among equal distances within the radius the
+/// first in the order of names.
 std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Places& nodes,
                                  const SearchRadius& radius, const std::vector<double>& limit)
 {
@@ -232,7 +234,7 @@ Vec3 middle_of(std::span<const double> x)
   return (1.0 / static_cast<double>(n)) * sum;
 }
 
-/// Answer with a facet of this rank.
+/// Store a facet of this rank as the result for node k.
 void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candidate& c,
           const std::vector<std::uint8_t>* sides)
 {
@@ -253,7 +255,7 @@ void take(ClosestFacets& out, std::size_t k, const Surface& surface, const Candi
     std::copy_n(sides->begin() + c.facet * nv, nv, out.side.begin() + k * nv);
 }
 
-/// Answer with what a rank has sent.
+/// Store an answer of another rank as the result for node k.
 void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answer)
 {
   const std::size_t nv = a.nv, nt = a.nt, width = nt * a.block;
@@ -271,7 +273,7 @@ void take(ClosestFacets& out, std::size_t k, const Answers& a, std::size_t answe
     std::copy_n(a.side.begin() + answer * nv, nv, out.side.begin() + k * nv);
 }
 
-/// Nodes or other points of one surface that look for partners on another.
+/// Search for the partners of nodes or other points of one surface on another surface.
 class NodeSearch
 {
 public:
@@ -302,7 +304,8 @@ public:
     std::vector<Question> questions;
     for (std::size_t k = 0; k < nodes_.size(); ++k)
       questions.push_back({k, any_distance});
-    // Each time the answers are further away: what is in front of a node is soon exhausted.
+    // In each iteration the answers are further away, so that there are soon no facets left in
+    // front.
     while (any(!questions.empty()))
     {
       find(questions);
@@ -334,7 +337,7 @@ private:
     const auto limit = limits(a, q, nodes_.size());
     const auto best = choose(a, q, nodes_, radius_, limit);
     for (std::int64_t k : q.node)
-      near_back_[k] = 1; // other ranks do not say
+      near_back_[k] = 1; // not known from other ranks
     for (std::size_t k = 0; k < best.size(); ++k)
       if (best[k] >= 0)
       {
@@ -367,8 +370,8 @@ private:
     }
   }
 
-  /// Add to the mean the normal of a facet that is as close as the one taken, if its closest point
-  /// is the same.
+  /// Add the normal of a facet that is as close as the chosen facet to the mean normal, if its
+  /// closest point is the same.
   void add_normal(std::size_t k, const Vec3& x, const Vec3& normal, double tie)
   {
     if (norm(x - at(out_.x, k)) > same_point * tie)
@@ -381,7 +384,7 @@ private:
     }
   }
 
-  /// Let go of facets that nodes seem to be behind, but have not come in by.
+  /// Refuse facets that nodes seem to be behind, but through which they have not entered the body.
   void refuse_shorter_ways_out(std::span<const Question> questions)
   {
     std::vector<std::size_t> deep;
@@ -406,8 +409,8 @@ private:
       refused_[deep[i]] = shorter[i];
   }
 
-  /// Let go of partners that cannot be seen: for good if facets of the node's own surface are in
-  /// between, otherwise something further away may be seen.
+  /// Refuse hidden partners. If facets of the node's own surface hide them, the node stays
+  /// unpaired; otherwise a partner further away is searched.
   void hide(std::span<const Question> questions)
   {
     std::vector<std::size_t> found, near_back;
@@ -427,7 +430,7 @@ private:
       refused_[near_back[i]] = by_backs[i];
   }
 
-  /// Whether a node seems to be far behind what has been found.
+  /// Whether a node seems to be far behind the facet that was found.
   bool is_deep(std::size_t k) const
   {
     return dot(at(out_.x, k) - at(nodes_.x, k), at(out_.normal, k)) > deep_part * sizes_[k];
@@ -441,7 +444,7 @@ private:
     return out;
   }
 
-  /// Nodes whose partners are refused, as questions.
+  /// New queries for the nodes whose partners were refused.
   std::vector<Question> asked_again(std::span<const Question> questions)
   {
     std::vector<Question> out;
@@ -459,11 +462,12 @@ private:
   SearchRadius radius_;
   std::vector<Box> boxes_;
   LocalSearch search_;
-  const std::vector<std::uint8_t>* sides_; ///< null if nobody asks
+  const std::vector<std::uint8_t>* sides_; ///< null if not requested
   std::vector<Candidate> ties_;
   ClosestFacets out_;
-  std::vector<std::uint8_t> refused_;   ///< beside the facet found, or behind a back
-  std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than what was found
+  std::vector<std::uint8_t> refused_;   ///< beside the facet found, hidden, or with a shorter way
+                                        ///< out
+  std::vector<std::uint8_t> near_back_; ///< whether a back may be nearer than the facet found
   std::vector<int> num_equal_;          ///< facets with the same closest point as the one found
   std::vector<double> sizes_;           ///< of the facet found
 };

@@ -10,19 +10,21 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Faces are across a line if they are within 30° of it: least angle of their normals with it.
+/// Faces are across a line if they are within 30° of it: least angle between their normals and the
+/// line, and its cosine.
 constexpr double across_angle = std::numbers::pi / 3, across_cosine = 0.5;
 
-/// Faces are opposite to each other if their normals are, within 30°.
+/// Faces are opposite to each other if their normals are opposite within 30°.
 constexpr double opposite_cosine = -smooth_cosine;
 
-/// Part of its distance from a face that a point is above it, not beside it.
+/// A point is above a face, not beside it, if its height is more than this fraction of its
+/// distance.
 constexpr double above = 0.9;
 
-/// Lengths are shorter if they are so by more than this part.
+/// A length is shorter than another one if it is so by more than this fraction.
 constexpr double equal_tolerance = 1e-6;
 
-/// Box of the points of some overlaps, with all that is as near to them as they are deep.
+/// Box around one of the two points of each overlap, widened by the depth of the overlap.
 Box box_around(std::span<const Overlap> overlaps, const Vec3 Overlap::* point)
 {
   Box box;
@@ -87,7 +89,7 @@ void WaysOut::find(const std::vector<Faces>& all, const Vec3& p, const Vec3& q, 
                           if (c.distance < depth && height < rounding)
                             out.push_back({c.distance, n});
                           else if (height > above * c.distance && dot(q - c.x, n) < 0)
-                            out.push_back({0, n}); // p is out: the line to q goes in by this face
+                            out.push_back({0, n}); // p is outside: the line to q enters here
                           return depth;
                         });
   }

@@ -8,15 +8,15 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Ways to infinity; away from the axis of rings.
+/// Directions of the rays to infinity; they point away from the axis of rings.
 constexpr std::array<Vec3, 3> ways{
     {{0.7236, 0.5537, 0.4117}, {0.6217, -0.6841, 0.3814}, {0.4513, 0.3329, -0.8279}}};
 
-/// Distance along the way, over its length, at which a facet is one that the point is on, as those
-/// beside its own are where it is on an edge.
+/// Distance along the ray, relative to its length, below which the point counts as being on a
+/// facet. If the point is on an edge, it is also on the facets beside its own.
 constexpr double at_point = 1e-10;
 
-/// Margin of boxes over the length of the way: in 2D they have no height.
+/// Margin of boxes, relative to the length of the ray: in 2D the boxes have no height.
 constexpr double box_margin = 1e-9;
 
 /// A box around all facets.
@@ -28,7 +28,7 @@ Box box_of_all(const std::vector<Box>& boxes)
   return out;
 }
 
-/// A way to where there is nothing any more.
+/// Vector along a ray that ends outside of all facets.
 Vec3 way_out(const Vec3& way, int gdim, double length)
 {
   const Vec3 flat = gdim == 2 ? Vec3{way[0], way[1], 0} : way;
@@ -37,8 +37,9 @@ Vec3 way_out(const Vec3& way, int gdim, double length)
 
 double cross_along(const Vec3& d, const Vec3& a, const Vec3& b) { return dot(d, cross(a, b)); }
 
-/// How often the way x + t d, t > 0, leaves a quadrilateral, which may be warped, less how often it
-/// enters it: up to two places (u, v) with a + u b + v c + u v e along d.
+/// Number of times that the ray x + t d, t > 0, leaves the body through a quadrilateral, which may
+/// be warped, minus the number of times that it enters. There are up to two places (u, v) where
+/// a + u b + v c + u v e is along d.
 int count_warped(const Vec3& x, const Vec3& d, std::span<const double> v, double orientation)
 {
   const Vec3 p = facet_vertex(v, 0), a = p - x, b = facet_vertex(v, 1) - p,
@@ -48,14 +49,14 @@ int count_warped(const Vec3& x, const Vec3& d, std::span<const double> v, double
   if (root < 0)
     return 0;
   const double q = -0.5 * (k1 + std::copysign(std::sqrt(root), k1));
-  const std::array<double, 2> found{q / k2, k0 / q}; // infinite if there is one alone
+  const std::array<double, 2> found{q / k2, k0 / q}; // infinite if there is only one
   int out = 0;
   for (std::size_t i = 0; i < (root > 0 ? 2 : 1); ++i)
   {
     const double t = found[i];
     if (!(t >= 0 && t < 1))
       continue;
-    // Across d, a + t c and b + t e are parallel.
+    // The components of a + t c and b + t e perpendicular to d are parallel.
     const Vec3 r = cross(d, a + t * c), s = cross(d, b + t * e);
     const double u = -dot(r, s) / dot(s, s);
     const Vec3 way = a + u * b + t * c + u * t * e;
@@ -65,8 +66,8 @@ int count_warped(const Vec3& x, const Vec3& d, std::span<const double> v, double
   return out;
 }
 
-/// Facets of this rank that are left less those that are entered. @param own facet of this rank
-/// that x is on
+/// Number of facets of this rank through which the ray leaves the body, minus the number through
+/// which it enters. @param own facet of this rank on which x is
 int count(const Surface& surface, const Vec3& x, const Vec3& d, std::optional<std::size_t> own)
 {
   int out = 0;

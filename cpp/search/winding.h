@@ -1,4 +1,4 @@
-// Which points of a closed surface lie within the body that it encloses.
+// Test whether places at a closed surface lie within the body that it encloses, by ray casting.
 #pragma once
 
 #include "surface/surface.h"
@@ -11,10 +11,10 @@ namespace qsdolfinx
 {
 
 /// Whether the places just outside of points of a closed surface are within the body, as where one
-/// part of it has gone into another: those are from which more facets are left than entered, on the
-/// way to infinity. Most of three ways decide, none of which is parallel to anything. [point].
-/// Collective.
-/// @param surface all of the boundary of a body, but for the axis of a ring
+/// part of it has penetrated another, [point]. A place is within the body if a ray from it to
+/// infinity leaves the body through more facets than it enters by. The majority of three rays
+/// decides; their directions are chosen so that they are not parallel to facets. Collective.
+/// @param surface the whole boundary of a body, except the axis of a ring
 /// @param x, normal points of this rank's facets and outward normals there
 /// @param facet which facets these are
 std::vector<std::uint8_t> within_body(const Surface& surface, std::span<const Vec3> x,

@@ -1,4 +1,4 @@
-// Linear forms at rays: what all derivatives of gaps and slips are made of. No MPI.
+// Linear forms at rays, of which all derivatives of gaps and slips consist. No MPI.
 #pragma once
 
 #include "geometry/facet.h"
@@ -11,8 +11,8 @@
 namespace qsdolfinx::forms
 {
 
-// With p = x_y(ξ) on the facet y that is cut, and z the other one, a ray is x_z(ζ) = p + t n. Its
-// variation is J (δt, δζ) = v with J = [−n, a₁, a₂], a_α = ∂x_z/∂ζ_α, and
+// Let p = x_y(ξ) be a point on the facet y that is cut, and z the other facet. A ray is
+// x_z(ζ) = p + t n. Its variation is J (δt, δζ) = v with J = [−n, a₁, a₂], a_α = ∂x_z/∂ζ_α, and
 //
 //   v = Σ T_i δy_i + t δn − Σ M_j δz_j,
 //
@@ -22,7 +22,7 @@ using Vec2 = std::array<double, 2>;
 
 inline constexpr int max_columns = 2 * 3 * max_trace;
 
-/// A linear form in the components of all nodes, which come first.
+/// A linear form in the components of all nodes.
 using Row = std::array<double, max_columns>;
 
 inline void add(double* to, double s, const Vec3& a)
@@ -31,7 +31,7 @@ inline void add(double* to, double s, const Vec3& a)
     to[i] += s * a[i];
 }
 
-/// Where the columns of both facets are.
+/// Positions of the columns of both facets.
 struct Columns
 {
   explicit Columns(const RayPair& pair)
@@ -43,8 +43,8 @@ struct Columns
   int size() const { return 3 * (num_cut + num_other); }
 
   int num_cut, num_other; ///< nodes
-  int cut, other;         ///< the first node of each
-  int along;              ///< of the one whose normal rays go along
+  int cut, other;         ///< first node of each facet
+  int along;              ///< first node of the facet whose normal is the direction of the rays
 };
 
 /// Unit normal n = s/|s| of a facet, s = f d₁ × d₂, where d₁ and d₂ are sums of its vertices. In 2D
@@ -75,7 +75,7 @@ public:
   double length() const { return length_; }
   const Vec3& n() const { return n_; }
 
-  /// (c − n (n·c)) / |s|: c·δn is its product with δs.
+  /// Return k = (c − n (n·c)) / |s|, for which c·δn = k·δs.
   Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
 
   /// Add the gradient of k·s for a constant k. @param to first vertex @param stride to the next one
@@ -92,8 +92,8 @@ public:
   /// Add the gradient of c·n for a constant c.
   void add_to(const Vec3& c, double* to, int stride = 3) const { add_area(across(c), to, stride); }
 
-  /// Add a matrix whose sum with its transpose is that of k·∂²s. @param to first vertex, first
-  /// column @param size length of a row
+  /// Add a matrix whose sum with its transpose is the matrix of k·∂²s. @param to first vertex,
+  /// first column @param size length of a row
   void add_half_curvature(const Vec3& k, double* to, int size) const
   {
     const Vec3 scaled = factor_ * k;
@@ -112,7 +112,7 @@ private:
   Vec3 d1_, d2_{0, 0, 1}, n_;
 };
 
-/// Rows of J⁻¹. In 2D nothing moves along the third axis: its ζ is left out.
+/// Rows of J⁻¹. In 2D nothing moves along the third axis, and the second ζ is left out.
 struct Inverse
 {
   Inverse(const Vec3& n, const std::array<Vec3, 2>& a, bool plane)
@@ -129,7 +129,7 @@ struct Inverse
   std::array<Vec3, 2> zeta{};
 };
 
-/// Tangents of a facet, in 2D the second one along the third axis.
+/// Tangents of a facet. In 2D the second tangent is the third axis.
 inline std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
                                     const std::array<Vec2, max_trace>& gradients)
 {
@@ -154,7 +154,7 @@ inline Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
   return x;
 }
 
-/// What is needed at a ray that has been found.
+/// Shape functions, tangents and inverse Jacobian at a ray that has been solved for.
 struct Ray
 {
   Ray(const RayPair& pair, const Normal& normal, const RayPoint& point)
@@ -166,13 +166,14 @@ struct Ray
   {
   }
 
-  /// The c of w p ∂g = c·v. @param pressure w p @param slope of w p h by ζ, see Pressure
+  /// Return the c for which w p ∂g = c·v. @param pressure w p @param slope of w p h by ζ, see
+  /// Pressure
   Vec3 of_gap(double pressure, const Vec2& slope) const
   {
     return slope[0] * A.zeta[0] + slope[1] * A.zeta[1] - pressure * A.t;
   }
 
-  /// Add the form c·v but for the turning of the normal, which adds t c·δn.
+  /// Add the form c·v without the term t c·δn, which comes from the rotation of the normal.
   void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
   {
     for (int i = 0; i < columns.num_cut; ++i)
@@ -181,7 +182,7 @@ struct Ray
       add(row + (columns.other + j) * stride, -M[j], c);
   }
 
-  /// The form c·v.
+  /// Return the form c·v.
   Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
   {
     Row row;
@@ -198,7 +199,7 @@ struct Ray
   double t, weight;
 };
 
-/// A ray, and how what is known of it changes with ξ.
+/// A ray, and the derivatives of its quantities by ξ.
 class RayByXi
 {
 public:
@@ -214,7 +215,7 @@ public:
       dzeta[a] = {dot(ray.A.zeta[0], along[a]), dot(ray.A.zeta[1], along[a])};
     }
     if (pair.other.degree == 1 && pair.other.type != FacetType::quadrilateral)
-      return; // which is straight
+      return; // the facet is straight
     const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
     for (int a = 0; a < 2; ++a)
       for (int j = 0; j < columns.num_other; ++j)
@@ -226,13 +227,13 @@ public:
       }
   }
 
-  /// How a row A of J⁻¹ changes with ξ_α.
+  /// Derivative of a row A of J⁻¹ by ξ_α.
   Vec3 change_of(const Vec3& A, int alpha) const
   {
     return -1 * (dot(A, da[alpha][0]) * ray.A.zeta[0] + dot(A, da[alpha][1]) * ray.A.zeta[1]);
   }
 
-  /// How the form c·v changes with ξ_α. @param dc how c does
+  /// Derivative of the form c·v by ξ_α. @param dc derivative of c
   Row form(const Vec3& c, const Vec3& dc, int alpha) const
   {
     Row out = ray.form(columns_, normal_, dc);
@@ -248,7 +249,7 @@ public:
   Ray ray;
   Vec2 dt;
   std::array<Vec2, 2> dzeta;               ///< [α]
-  std::array<std::array<Vec3, 2>, 2> da{}; ///< of tangents, [α][β]
+  std::array<std::array<Vec3, 2>, 2> da{}; ///< derivatives of the tangents, [α][β]
 
 private:
   const RayPair& pair_;

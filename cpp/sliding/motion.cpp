@@ -9,22 +9,22 @@
 using namespace qsdolfinx;
 using namespace qsdolfinx::forms;
 
-// With the velocity V of a point in the plane of the facet, linear in a triangle of the piece, and
-// that of the facet's own material there, U = Σ_i N_i(ξ) U_i,
+// Let V be the velocity of a point in the plane of the facet, linear in a triangle of the piece,
+// and U = Σ_i N_i(ξ) U_i the velocity of the facet's own material there. Then
 //
 //   δξ = (∂q/∂ξ)⁻¹ (V − U),   δ ln w = div V − div U + δ ln S + (∂ ln(S/J)/∂ξ)·δξ,
 //
-// J being the area per reference area in the plane, and S that of the facet, which is that of a
-// ring where things are axisymmetric.
+// where J is the area per reference area in the plane, and S that of the facet, in the axisymmetric
+// case that of a ring.
 
 namespace
 {
-/// Part of a facet below which a triangle's corners coincide but for rounding.
+/// Fraction of a facet's area below which a triangle's corners coincide up to rounding.
 constexpr double flat = 1e-9;
 
 using Matrix2 = std::array<Vec2, 2>;
 
-/// Vertices of a facet in the plane of the one that is cut, and how they move there.
+/// Vertices of a facet in the plane of the facet that is cut, and their velocities there.
 struct InPlane
 {
   InPlane(const RayFacet& facet, const Frame& frame, const Normal& normal, int first, int along,
@@ -56,7 +56,7 @@ struct InPlane
   std::vector<Row> velocity; ///< [vertex][direction]
 };
 
-/// Corners of a piece and how they move.
+/// Corners of a piece and their motion.
 class Motion
 {
 public:
@@ -78,7 +78,7 @@ public:
         { return std::ranges::find(place.corner, middle_corner) != place.corner.end(); });
     if (has_middle)
       append_middle();
-    if (planar_.affine()) // U is linear, too: corners move by V − U
+    if (planar_.affine()) // U is linear, too: store V − U at corners
       for (std::size_t c = 0; c < q_.size(); ++c)
         take_off(c, cut);
     else
@@ -117,7 +117,7 @@ public:
   }
 
 private:
-  /// Whether a facet has the same area per reference area all over.
+  /// Whether a facet has the same area per reference area everywhere.
   static bool is_flat(const RayFacet& facet)
   {
     if (facet.type != FacetType::quadrilateral)
@@ -127,8 +127,8 @@ private:
     return dot(twist, twist) <= 1e-26 * dot(side, side);
   }
 
-  /// What moves a point: V and its divergence, less U and its own, are sums of these times what the
-  /// slots move by.
+  /// Contribution of a slot to the motion of a point: V − U and its divergence are sums of `value`
+  /// and `gradient` times the velocities of the slots.
   struct Slot
   {
     std::size_t number;
@@ -136,7 +136,7 @@ private:
     Vec2 gradient;
   };
 
-  /// δ ln S at a place that stays on the facet, and ∂ ln S/∂ξ.
+  /// δ ln S at a fixed place of the facet, and ∂ ln S/∂ξ.
   struct Area
   {
     Row growth{};
@@ -175,7 +175,7 @@ private:
     return out;
   }
 
-  /// @returns what moves a point, (∂q/∂ξ)⁻¹, and ∂ ln(S/J)/∂ξ
+  /// @returns the slots that move a point, (∂q/∂ξ)⁻¹, and ∂ ln(S/J)/∂ξ
   std::tuple<std::vector<Slot>, Matrix2, Vec2> moves_with(std::size_t p,
                                                           const RayPoint& point) const
   {
@@ -223,7 +223,8 @@ private:
       const int vertex = c < 0 ? a : c;
       return append(own.q[vertex], {own.of(vertex, 0), own.of(vertex, dim_ - 1)});
     }
-    // V stays on both lines: V = W + t (u × (X − W))/(u × t), those of t and u moving by W and X.
+    // V stays on both lines: V = W + t (u × (X − W))/(u × t), where the lines along t and u move
+    // with W and X.
     const Vec2 t = cut.q[b] - cut.q[a], u = other.q[d] - other.q[c],
                between = other.q[c] - cut.q[a];
     const double det = cross(t, u), s = cross(between, u) / det, r = cross(between, t) / det;
@@ -269,7 +270,7 @@ private:
           middle = middle + part * its;
           area += part;
         });
-    if (area <= least_area_) // all corners are at one place, or on one line
+    if (area <= least_area_) // all corners are at one place or on one line
       return append(q_[around[0]], {velocity_[2 * around[0]], velocity_[2 * around[0] + 1]});
     middle = (1 / area) * middle;
     std::array<Row, 2> out;
@@ -296,10 +297,10 @@ private:
     append(middle, out);
   }
 
-  /// Let a corner move by what it moves against the facet's material.
+  /// Replace a corner's velocity by its velocity relative to the facet's material.
   void take_off(std::size_t c, const InPlane& cut)
   {
-    if (c < shape_.corners.size() && shape_.corners[c].other[0] < 0) // it is the facet's own
+    if (c < shape_.corners.size() && shape_.corners[c].other[0] < 0) // a vertex of this facet
     {
       for (int d = 0; d < dim_; ++d)
         velocity_[c * dim_ + d].fill(0.0);
@@ -328,7 +329,7 @@ private:
     return {{1 - x - y, x, y}, {-1 * (of_b + of_c), of_b, of_c}};
   }
 
-  /// ∂q/∂ξ_α, in 2D the second one across the line.
+  /// ∂q/∂ξ_α; in 2D the second one is perpendicular to the line.
   Matrix2 tangents(const std::array<Vec2, max_trace>& dN) const
   {
     Matrix2 out{};
@@ -340,7 +341,7 @@ private:
     return out;
   }
 
-  /// [α][d], δξ_α by the velocity.
+  /// Derivatives of δξ_α by the velocity, [α][d].
   static Matrix2 inverse_of(const Matrix2& t)
   {
     const double scale = 1 / cross(t[0], t[1]);
@@ -365,24 +366,24 @@ private:
   int size_;
   PlanarFacet planar_;
   std::array<Vec2, 4> vertices_{}; ///< of the facet that is cut
-  double least_area_ = 0;          ///< of a triangle that is not flat
+  double least_area_ = 0;          ///< of a triangle that is not degenerate
   std::vector<Vec2> q_;            ///< of corners, and of the middle
   std::vector<Row> velocity_;      ///< of these, and of the facet's vertices, [slot][direction]
   bool uniform_ = false;           ///< whether δ ln S is the same at all points, a slot of its own
   std::size_t area_slot_ = 0;
 };
 
-/// Products of forms with how points of a piece move.
+/// Products of linear forms with the motion of the points of a piece.
 class Moved
 {
 public:
-  /// @param motions as point_motions has them
+  /// @param motions from point_motions
   Moved(const RayPair& pair, std::span<const double> motions)
       : n_(3 * static_cast<std::size_t>(pair.num_nodes())), dim_(dim_of(pair)), motions_(motions)
   {
   }
 
-  /// @param by_xi, by_weight what δξ and δ ln w of the point multiply
+  /// @param by_xi, by_weight forms that are multiplied by δξ and δ ln w of the point
   void add_point(std::size_t p, const std::array<Row, 2>& by_xi, const Row& by_weight)
   {
     const auto of_point = motions_.subspan(3 * n_ * p, 3 * n_);

@@ -12,8 +12,8 @@ using namespace qsdolfinx::forms;
 
 namespace
 {
-/// Newton's method; one step where the other facet is flat and straight. The last step leaves its
-/// square behind.
+/// Solve for the end of a ray by Newton's method, in one step if the other facet is flat and
+/// straight. The error after the last step is of the order of the square of this step.
 bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
 {
   constexpr int most = 20;
@@ -45,7 +45,8 @@ bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
   return false;
 }
 
-/// The slave's vertex functions at a ray and their derivatives by ζ: none if the slave is cut.
+/// The slave's vertex functions at a ray, and their derivatives by ζ, which are 0 if the slave is
+/// cut.
 struct Multipliers
 {
   Multipliers(const RayPair& pair, const RayPoint& point)
@@ -59,7 +60,7 @@ struct Multipliers
   std::array<Vec2, max_trace> dN{};
 };
 
-/// w p at a ray, and of a ray to a curved surface w p h with the derivatives of h by ζ.
+/// w p at a ray; for a ray to a curved surface also the derivatives of w p h by ζ.
 struct Pressure
 {
   explicit Pressure(double constant) : value(constant) {}
@@ -74,7 +75,7 @@ struct Pressure
   double value = 0;
   Vec2 slope{};
   double mixed = 0; ///< second derivative by ζ₁ and ζ₂
-  Vec2 bent{};      ///< those by ζ₁ and by ζ₂
+  Vec2 bent{};      ///< second derivatives by ζ₁ and by ζ₂
 };
 
 /// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
@@ -90,7 +91,7 @@ Vec3 bending(const RayFacet& z, const Vec2& zeta, const Vec3& c)
   return out;
 }
 
-/// Of a ray: variations of its length, and of where it ends.
+/// Variations of the length of a ray and of its end.
 struct RayForms
 {
   RayForms(const Ray& ray, const Columns& columns, const Normal& normal, int dim)
@@ -102,7 +103,8 @@ struct RayForms
   Row dt, first, second;
 };
 
-/// Friction's virtual work at a ray, Σ_α s_α δζ_α: tractions on what the end slides by.
+/// Virtual work of friction at a ray, Σ_α s_α δζ_α: work of the tractions on the sliding of the
+/// end.
 struct Sliding
 {
   Sliding(const RayPair& pair, const Ray& ray, const Vec3& traction)
@@ -135,7 +137,7 @@ private:
   Vec3 traction_;
 };
 
-/// Second derivatives are gathered as a matrix whose sum with its transpose they are.
+/// Assembles second derivatives as a matrix whose sum with its transpose gives them.
 class HalfHessian
 {
 public:
@@ -149,7 +151,7 @@ public:
       rows->reserve(points * static_cast<std::size_t>(dim_ * n_));
   }
 
-  /// The terms with δζ of w p g, and the sums that those with δn need.
+  /// Add the terms of w p g with δζ, and the sums needed for the terms with δn.
   void add_point(const RayPoint& point, const Pressure& L)
   {
     const Ray ray(pair_, normal_, point);
@@ -157,7 +159,7 @@ public:
     add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L);
   }
 
-  /// The same of Σ_α s_α δζ_α + s_t δt for constant factors.
+  /// Add the same terms of Σ_α s_α δζ_α + s_t δt for constant factors.
   void add_point(const RayPoint& point, const Ray& ray, const RayForms& forms, const Vec2& s,
                  double s_t = 0)
   {
@@ -165,8 +167,8 @@ public:
     add_second_variation(ray, point.zeta, forms, c, Pressure(0));
   }
 
-  /// Sum up the points, with the terms with δn and ∂²n, which all of them share: with C = Σ t c,
-  /// C·∂²n = (C − n (n·C))·∂²s/|s| − ((C·δn)(n·Δs) + (C·Δn)(n·δs))/|s| − (C·n) δn·Δn.
+  /// Add the products of all points, and the terms with δn and ∂²n, which all points share: with
+  /// C = Σ t c, C·∂²n = (C − n (n·C))·∂²s/|s| − ((C·δn)(n·Δs) + (C·Δn)(n·δs))/|s| − (C·n) δn·Δn.
   void add_sums()
   {
     const auto n = static_cast<std::size_t>(n_);
@@ -199,7 +201,7 @@ public:
 
 private:
   /// @param c the first variation is c·v: (t₂, ζ₂) = A [..] enters as c·[..]
-  /// @param L what else varies with ζ: mixed and bent of δζ_α δζ_β
+  /// @param L further dependence on ζ: `mixed` and `bent` multiply δζ_α δζ_β
   void add_second_variation(const Ray& ray, const Vec2& zeta, const RayForms& forms, const Vec3& c,
                             const Pressure& L)
   {
@@ -227,7 +229,7 @@ private:
         with_normal_[r][b] += c[r] * dt[b];
   }
 
-  /// Keep a product until all points are known.
+  /// Store a product until all points have been added.
   void add_product(const Row& left, const Row& right)
   {
     left_.insert(left_.end(), left.begin(), left.begin() + n_);
@@ -426,11 +428,12 @@ RayFacet moved_to(const RayFacet& facet, std::span<const double> x)
   return {facet.type, facet.degree, x, facet.orientation};
 }
 
-/// Turns by more than this are not told from those the other way round.
+/// Largest angle of rotation; larger ones cannot be distinguished from rotations in the other
+/// direction.
 constexpr double most_turned = 2.6;
 
-/// θ/sin θ of facets that have turned against each other by θ, as their normals say: where one of
-/// them is in the frame of the other one, then and now.
+/// θ/sin θ for facets that have rotated against each other by θ. This angle is found from the
+/// normal of one facet in the frame of the other facet, when slip began and now.
 double arc_of_turn(const Frame& then, const Vec3& other_then, const Frame& now,
                    const Vec3& other_now)
 {
@@ -451,14 +454,15 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   const RayFacet along = moved_to(pair.along(), pair.along_other ? start.other : start.cut);
   const Vec3 n_then = Normal(along).n();
   const Frame now(pair.along(), normal.n()), then(along, n_then);
-  // Edges of facets that are not flat lead out of the plane across n: gaps are no slip.
+  // Edges of facets that are not flat have components along n; they are removed, since gaps are no
+  // slip.
   const std::array<Vec3, 2> across{then.e[0] - dot(then.e[0], n_then) * n_then,
                                    then.e[1] - dot(then.e[1], n_then) * n_then};
   const int dim = pair.other.type == FacetType::interval ? 1 : 2;
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
   const auto size = static_cast<std::size_t>(3 * columns.size());
-  // A vertex goes along the facet whose frame it has.
+  // A vertex slides along the facet whose frame is used.
   std::ranges::fill(
       out.arc,
       pair.along_other ? 1.0 : arc_of_turn(then, Normal(other).n(), now, Normal(pair.other).n()));
@@ -472,7 +476,7 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
     std::copy_n(slip.begin(), 3, out.slip.subspan(3 * p).begin());
     std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
     out.gap[p] = dot(n_then, d);
-    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α, E_a being those of then across n
+    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α, E_a being the edges `then.e` across n
     const auto a0 = tangents(other, origin, ray.dM);
     const RayLift lift = lift_of(pair, point.zeta);
     const Vec3 rises = lift.slope[0] * ray.A.zeta[0] + lift.slope[1] * ray.A.zeta[1];

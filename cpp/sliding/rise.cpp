@@ -7,8 +7,8 @@
 using namespace qsdolfinx;
 using namespace qsdolfinx::forms;
 
-// The surface rises from vertex i towards j by s = −m·e/(m·n) over the edge e = x_j − x_i, m being
-// its normal at i, and n that of the facet.
+// The surface rises from vertex i towards j by s = −m·e/(m·n) over the edge e = x_j − x_i, where m
+// is its normal at i, and n the normal of the facet.
 
 namespace
 {

@@ -1,5 +1,5 @@
-// How gaps and forces at vertices change as the curved surface turns that the facet opposite stands
-// for. No MPI.
+// Derivatives of gaps and forces at vertices with respect to the curved surface that replaces the
+// facet opposite. No MPI.
 #pragma once
 
 #include "sliding/ray.h"
@@ -9,18 +9,21 @@
 namespace qsdolfinx
 {
 
-/// Derivatives of the gaps by what heights depend on: places of nodes, and normals at vertices.
+/// Add derivatives of the gaps by the quantities on which heights depend: positions of nodes, and
+/// normals at vertices.
 /// @param by_nodes added, [point][node][3] @param by_normals added, [point][vertex][3]
 void add_gaps_by_rise(const RayPair& pair, std::span<const RayPoint> points,
                       std::span<double> by_nodes, std::span<double> by_normals);
 
-/// Derivatives of the forces Σ_p w_p p_p ∂g_p, likewise. @param pressure p_p, [point]
+/// Add derivatives of the forces Σ_p w_p p_p ∂g_p by the same quantities. @param pressure p_p,
+/// [point]
 /// @param by_nodes added, [node][3][node][3] @param by_normals added, [node][3][vertex][3]
 void add_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,
                         std::span<const double> pressure, std::span<double> by_nodes,
                         std::span<double> by_normals);
 
-/// The same of Σ_p w_p τ_p·(what tractions work on), see RaySlip. @param traction τ_p, [point][3]
+/// Add derivatives of Σ_p w_p τ_p·(variation that tractions work on), see RaySlip::works, by the
+/// same quantities. @param traction τ_p, [point][3]
 void add_slip_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,
                              std::span<const double> traction, std::span<double> by_nodes,
                              std::span<double> by_normals);

@@ -11,7 +11,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Vertices that an edge connects vertex i with; an interval has one.
+/// Vertices that are connected with vertex i by an edge; an interval has one.
 std::array<int, 2> neighbours(FacetType type, int i)
 {
   if (type == FacetType::interval)
@@ -21,7 +21,7 @@ std::array<int, 2> neighbours(FacetType type, int i)
   return {i ^ 1, i ^ 2};
 }
 
-/// A facet at one of its vertices, as told to the vertex's owner.
+/// Data of a facet at one of its vertices, sent to the vertex's owner.
 struct Corner
 {
   Vec3 normal;               ///< outward
@@ -30,13 +30,13 @@ struct Corner
   std::array<Vec3, 2> edges; ///< to the neighbours
 };
 
-/// What the owner of a vertex knows about the surface there, as one facet sees it.
+/// Data of the surface at a vertex, computed by the vertex's owner for one facet.
 struct Vertex
 {
-  Vec3 normal;                ///< without the facets beyond a crease
+  Vec3 normal;                ///< without the facets beyond a sharp edge
   double closed;              ///< 1 if facets surround the vertex
-  double straight;            ///< 1 if they end there, along a line that hardly turns
-  std::array<double, 2> ends; ///< whether they end at the edge to either of the neighbours
+  double straight;            ///< 1 if the facets end there, along a nearly straight line
+  std::array<double, 2> ends; ///< whether the facets end at the edge to each of the neighbours
 };
 
 constexpr int corner_width = sizeof(Corner) / sizeof(double);
@@ -53,23 +53,23 @@ Corner corner(const Surface& surface, std::size_t f, int i)
   if (type == FacetType::interval)
     return {n, (1 / norm(a)) * n, std::numbers::pi, {a, b}};
   const Vec3 c = cross(a, b);
-  if (norm(c) == 0) // the edges continue each other
+  if (norm(c) == 0) // the edges are collinear
     return {n, {0, 0, 0}, std::numbers::pi, {a, b}};
-  const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may come in either order
+  const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may be in either order
   return {(side / norm(c)) * c,
           (side / (dot(a, a) * dot(b, b))) * c,
           std::atan2(norm(c), dot(a, b)),
           {a, b}};
 }
 
-/// A normal turned so that a quadric of its own leads nearest to the vertices around, in least
-/// squares: with t₁, t₂ across n and e to a neighbour, e·(n + α t₁ + β t₂) + ½ e·K e = 0. Mean
-/// normals of uneven facets are off by a part of how these turn.
+/// Correct a normal by a least-squares fit of a quadric to the neighbouring vertices: with t₁, t₂
+/// perpendicular to n and e the vector to a neighbour, e·(n + α t₁ + β t₂) + ½ e·K e = 0. Mean
+/// normals of facets of different sizes have an error proportional to the angle between the facets.
 Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
 {
   constexpr int size = 5;
-  // Decide what the neighbours leave open: where these are few, the normal stays as it is
-  // (tests/tools/test_elevate.py, a strip).
+  // Damping for directions that the neighbours do not determine: if there are few neighbours, the
+  // normal stays the same (tests/tools/test_elevate.py, a strip).
   constexpr std::array<double, size> damping{1e-3, 1e-3, 1e-6, 1e-6, 1e-6};
   const Vec3 first = edges[0] - dot(edges[0], n) * n;
   const Vec3 t1 = (1 / norm(first)) * first, t2 = cross(n, t1);
@@ -101,9 +101,10 @@ Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
   return (1 / norm(sum)) * sum;
 }
 
-/// What facet r of those at a vertex sees there.
-/// @param star all of them, @param edges the neighbours' unknowns of each
-/// @param fit whether normals are fitted to where the neighbours are
+/// Compute the data of the surface at a vertex for facet r of those at the vertex.
+/// @param star all facets at the vertex
+/// @param edges the neighbours' unknowns of each facet
+/// @param fit whether normals are fitted to the positions of the neighbours
 /// @param seen, around reused storage
 Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
             const std::vector<Corner>& corners, const std::vector<std::int64_t>& edges, bool fit,
@@ -141,7 +142,8 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
       n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
 }
 
-/// What each facet sees at its vertices, [facet][vertex]. Collective. @param fit see look
+/// Compute the data of the surface for each facet at its vertices, [facet][vertex]. Collective.
+/// @param fit see look
 std::vector<Vertex> look_around(const Surface& surface, bool fit)
 {
   const Facets& facets = surface.facets();
@@ -212,7 +214,7 @@ std::vector<Vertex> look_around(const Surface& surface, bool fit)
   return out;
 }
 
-/// The mean, limited to twice the one nearer to zero, and zero between two signs.
+/// Mean of two values, limited to twice the value nearer to zero; zero if the signs differ.
 double limited_mean(double a, double b)
 {
   if (a * b <= 0)
@@ -221,7 +223,7 @@ double limited_mean(double a, double b)
   return a > 0 ? least : -least;
 }
 
-/// Least squares for the tensor in the plane of a facet, of the smallest norm.
+/// Least-squares fit of the tensor in the plane of a facet, with the smallest norm.
 class Fit
 {
 public:
@@ -246,7 +248,7 @@ public:
 
   Curvature solve() const
   {
-    // Decides what the data leave open, and leaves all else as it is.
+    // Determines components that the data do not determine, and hardly changes the others.
     constexpr double regularisation = 1e-6;
     const double more = regularisation * (matrix_[0][0] + matrix_[1][1] + matrix_[2][2]);
     if (more == 0)
@@ -274,8 +276,8 @@ private:
   Vec3 right_{0, 0, 0};
 };
 
-/// The line between two vertices of a facet: how much the surface ascends out of the facet at
-/// either end, times the length of the line, and whether the vertices there know.
+/// The line between two vertices of a facet: the slope of the surface out of the facet at both
+/// ends, times the length of the line, and whether this slope is known at the vertices.
 struct Ascent
 {
   /// @param n the facet's normal
@@ -296,10 +298,11 @@ struct Ascent
     const auto slope = [&](int at)
     { return dot(vertices[at].normal, e) / std::max(dot(vertices[at].normal, n), 0.5); };
     known = {knows(i, j), knows(j, i)};
-    at = {-slope(i), slope(j)}; // ascending out of the facet at i, descending into it at j
+    at = {-slope(i), slope(j)}; // ascends from the facet at i, descends to it at j
   }
 
-  /// The limited mean of both ends; of one alone where the other does not know; 0 if neither does.
+  /// Limited mean of both ends; the value of one end if the other is not known; 0 if neither is
+  /// known.
   double mean() const
   {
     if (known[0] && known[1])
@@ -328,7 +331,7 @@ Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Ve
   return fit.solve();
 }
 
-/// Curvature of the surface at these heights over a facet's nodes.
+/// Curvature of the surface with these heights above a facet's nodes.
 Curvature curvature_under(const Surface& surface, std::size_t f, std::span<const double> heights)
 {
   const auto v = surface.facet_x(f);
@@ -393,12 +396,12 @@ std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
     for (const auto& [i, j] : facet_edges(type))
     {
       const Ascent line(type, v, n, std::span(vertices).subspan(f * nv, nv), i, j);
-      // Between two rims, or where a corner is cut off, an end does not know what is across its
-      // own.
+      // Between two boundaries, or where a corner is cut off, the slope across the boundary is not
+      // known at an end.
       const bool known = line.known[0] || line.known[1];
       const double more = std::abs(line.at[0]) > std::abs(line.at[1]) ? line.at[0] : line.at[1];
       const double slope = known ? line.mean() : more;
-      // Of an arc that begins at the angle φ to its chord of length l it is ½ l tan ½φ.
+      // For an arc that starts at the angle φ to its chord of length l, the height is ½ l tan ½φ.
       const double length = norm(facet_vertex(v, j) - facet_vertex(v, i));
       out.push_back(0.5 * length * slope / (length + std::hypot(length, slope)));
     }

@@ -1,4 +1,4 @@
-// Curvature of the surface that flat facets approximate, and how far it bulges out of them.
+// Curvature of the surface that flat facets approximate, and its height above the facets.
 #pragma once
 
 #include "surface/surface.h"
@@ -13,24 +13,24 @@ namespace qsdolfinx
 /// xx, yy, zz, xy, xz, yz.
 using Curvature = std::array<double, 6>;
 
-/// Facets that turn by more than this towards each other meet in a crease: cos 30°.
+/// Neighbouring facets whose normals differ by more than this angle meet in a sharp edge: cos 30°.
 inline constexpr double crease_cosine = 0.8660254037844386;
 
-/// Curvature of this rank's facets, from the turning between facets at their vertices. Collective.
+/// Curvature of this rank's facets, from the angles between facets at their vertices. Collective.
 ///
 /// Nodal normals weighted as by Max (1999), exact on circles and spheres, give the slopes at both
-/// ends of the line between two vertices of a facet, and their limited mean its curvature: a flat
-/// facet beside a fillet stays flat. Where the surface ends, or has a crease, a normal says
-/// nothing about the direction across; then the other end counts alone. Directions that nothing is
-/// known of have no curvature.
+/// ends of the line between two vertices of a facet, and the limited mean of these slopes gives the
+/// facet's curvature: a flat facet beside a fillet stays flat. At the boundary of the surface or at
+/// a sharp edge, a normal gives no information about the direction across; then only the other end
+/// is used. Directions without any information have no curvature.
 std::vector<Curvature> facet_curvature(const Surface& surface);
 
-/// How far the surface that facets approximate is over the middles of their edges, along a facet's
-/// normal in its centre, [facet][edge] in the order of facet_edges, by the same slopes; exact on
-/// circles. Collective.
+/// Heights of the surface that the facets approximate above the middles of their edges, along a
+/// facet's normal at its centre, [facet][edge] in the order of facet_edges. They are computed from
+/// the same slopes as in facet_curvature and exact on circles. Collective.
 std::vector<double> edge_heights(const Surface& surface);
 
-/// Curvature of surfaces that are at these heights over this rank's facets.
+/// Curvature of a surface with the given heights above this rank's facets.
 /// @param heights along the outward normals at the nodes of trace_functions of degree 2,
 /// [facet][node]
 std::vector<Curvature> curvature_of_heights(const Surface& surface,
@@ -44,7 +44,7 @@ double along(const Curvature& K, const Vec3& e);
 double bulge(const Curvature& K, FacetType type, std::span<const double> v,
              const std::array<double, 4>& N);
 
-/// ½ (a − b): of two surfaces that face each other, the curvature that both share.
+/// ½ (a − b): curvature that two surfaces facing each other share.
 Curvature shared_curvature(const Curvature& a, const Curvature& b);
 
 } // namespace qsdolfinx

@@ -1,4 +1,5 @@
-// How far the surface that flat facets stand for is out of them, and what of it contact sees.
+// Surface correction for curvature: height of the surface that flat facets approximate above them,
+// and the part of this height that is used in gaps.
 #pragma once
 
 #include "surface/curvature.h"
@@ -8,29 +9,30 @@
 namespace qsdolfinx
 {
 
-/// What of the surface's height over its facets is part of gaps.
+/// Part of the surface's height above its facets that is used in gaps.
 enum class Lift : int
 {
-  none,   ///< nothing: facets are taken as they are
-  shared, ///< the curvature that both sides share, for bodies whose displacements cannot flatten a
-          ///< facet's bulge
+  none,   ///< nothing: gaps are measured between the facets
+  shared, ///< the curvature that both sides share, for bodies whose displacements cannot flatten
+          ///< the bulge of a facet
   own     ///< all of it
 };
 
-/// One side's surface over its facets.
+/// Surface of one side, as heights above its facets.
 struct Relief
 {
   Lift lift;
-  bool known; ///< otherwise only the turning between facets tells of a curvature
+  bool known; ///< whether `heights` are given; otherwise curvature is found from the angles between
+              ///< facets
   /// Heights along the outward normals at the nodes of trace_functions of degree 2, [facet][node],
-  /// if they are known.
+  /// if `known`.
   std::span<const double> heights;
 };
 
-/// Positions of these nodes on the flat facets, [facet][node][3].
+/// Positions of the nodes of degree 2 on the flat facets, [facet][node][3].
 std::vector<double> relief_nodes(const Surface& surface);
 
-/// Outward unit normals of the flat facets there, [facet][node][3].
+/// Outward unit normals of the flat facets at the nodes of degree 2, [facet][node][3].
 std::vector<double> relief_normals(const Surface& surface);
 
 /// Height at ξ of a facet. @param heights at its nodes
@@ -64,8 +66,8 @@ Vec3 surface_gradient(FacetType type, std::span<const double> v, std::array<doub
   return ((along_a * bb - along_b * ab) / det) * a + ((along_b * aa - along_a * ab) / det) * b;
 }
 
-/// Curvature of this rank's facets: that of the heights, or by the turning between facets.
-/// Collective.
+/// Curvature of this rank's facets, from the heights if they are known, otherwise from the angles
+/// between facets. Collective.
 std::vector<Curvature> relief_curvature(const Surface& surface, const Relief& relief);
 
 } // namespace qsdolfinx

@@ -13,7 +13,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// What bounds a facet: edges, given by their vertices; for an interval its two ends.
+/// Boundary of a facet: its edges, given by their vertices; for an interval its two ends.
 std::span<const std::array<int, 2>> edges_of(FacetType type)
 {
   static constexpr std::array<std::array<int, 2>, 2> ends{{{0, 0}, {1, 1}}};
@@ -82,7 +82,7 @@ Surface::Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<c
                                 owner.begin() + first + nv);
   }
   MPI_Comm_dup(comm, &comm_);
-  // mpi4py's communicators return error codes, which nothing here would look at.
+  // mpi4py's communicators return error codes, which are not checked here.
   MPI_Comm_set_errhandler(comm_, MPI_ERRORS_ARE_FATAL);
   MPI_Comm_rank(comm_, &rank_);
   number_nodes();
@@ -95,7 +95,7 @@ Surface::Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<c
 void Surface::move(std::span<const double> x, std::span<const double> inside)
 {
   if (x.size() != facets_.x.size())
-    throw std::invalid_argument("Surface::move: other facets than before");
+    throw std::invalid_argument("Surface::move: the number of coordinates has changed");
   std::ranges::copy(x, facets_.x.begin());
   tree_follows_ = false;
   orient_and_measure(inside);
@@ -107,7 +107,7 @@ void Surface::follow(std::span<const double> trace_x)
   const auto nv = static_cast<std::size_t>(num_vertices()),
              nt = static_cast<std::size_t>(num_trace());
   if (trace_x.size() != num_facets() * nt * 3)
-    throw std::invalid_argument("Surface::follow: other facets than before");
+    throw std::invalid_argument("Surface::follow: one position for each trace node of each facet");
   follows_ = true;
   facets_.trace_x.assign(trace_x.begin(), trace_x.end());
   for (std::size_t f = 0; f < num_facets(); ++f)
@@ -142,7 +142,8 @@ void Surface::orient_and_measure(std::span<const double> inside)
 
 void Surface::number_nodes()
 {
-  // A rank may own a node without owning any facet at it: every facet tells its vertices' owners.
+  // A rank may own a node without owning any facet at it: every facet sends its data to its
+  // vertices' owners.
   const auto nv = static_cast<std::size_t>(num_vertices());
   std::vector<int> dest;
   for (std::size_t v = 0; v < facets_.vertex_owner.size(); ++v)
@@ -253,7 +254,8 @@ void Surface::mark_boundary()
   }
   facets_.edge_on_boundary = by_edge.reverse<std::uint8_t>(single, 1);
 
-  // A facet that touches the boundary with one vertex only learns it from the vertex's owner.
+  // For a facet that touches the boundary only with a vertex, this is known only to the vertex's
+  // owner.
   std::vector<std::uint8_t> flags(facets_.vertex_owner.size(), 0);
   for (std::size_t f = 0; f < num_facets(); ++f)
     for (std::size_t e = 0; e < ne; ++e)
@@ -288,7 +290,8 @@ void Surface::find_sides()
   std::vector<std::uint8_t> side(node_of_record_.size(), 0);
   for (std::vector<std::size_t>& at_node : records)
   {
-    // Sides are numbered along some direction, so that partitions do not matter.
+    // Sides are numbered along a fixed direction, so that the numbers do not depend on the
+    // partition.
     const Vec3 along{0.61803398875, 0.7548776662, 0.2207440846};
     std::ranges::sort(at_node, {}, [&](std::size_t i) { return dot(normal_of(i), along); });
     std::vector<std::size_t> rest = at_node, reached;
@@ -319,7 +322,7 @@ void Surface::find_sides()
 Sides Surface::sides() const
 {
   const int nv = num_vertices();
-  constexpr int width = 11; // side, x, area, area vector, area times the way to the middle
+  constexpr int width = 11; // side, x, area, area vector, area times the vector to the middle
   std::vector<double> values(facets_.vertex_owner.size() * width);
   for (std::size_t f = 0; f < num_facets(); ++f)
   {
@@ -386,7 +389,7 @@ Vec3 Surface::normal(std::size_t facet, std::array<double, 2> xi) const
 
 bool Surface::on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const
 {
-  // An edge is where the shape functions of the vertices that are not on it vanish.
+  // On an edge, the shape functions of the vertices that are not on it vanish.
   constexpr double tolerance = 1e-12;
   const auto N = shape_functions(type_, xi);
   const int nv = num_vertices();

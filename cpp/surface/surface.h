@@ -15,24 +15,24 @@
 namespace qsdolfinx
 {
 
-/// Facets of a contact surface on this rank. Every facet lives on exactly one rank (its cell's
-/// owner), its vertices may belong to others. The nodes of the trace on a facet are its vertices,
+/// Facets of a contact surface on this rank. Every facet is on exactly one rank (its cell's owner);
+/// its vertices may be owned by other ranks. The nodes of the trace on a facet are its vertices,
 /// then, for degree 2, those of trace_functions.
 struct Facets
 {
   std::vector<double> x;                 ///< vertex coordinates, [facet][vertex][3]
   std::vector<std::int64_t> dofs;        ///< global unknowns of the trace, [facet][node][block]
   std::vector<int> owner;                ///< rank that owns the unknowns, [facet][node]
-  std::vector<std::int64_t> vertex_dofs; ///< of these the vertices', [facet][vertex][block]
-  std::vector<int> vertex_owner;         ///< and their owners, [facet][vertex]
+  std::vector<std::int64_t> vertex_dofs; ///< the part of `dofs` at vertices, [facet][vertex][block]
+  std::vector<int> vertex_owner;         ///< owners of `vertex_dofs`, [facet][vertex]
   std::vector<double> orientation;       ///< ±1, times the area vector points outward
   std::vector<double> size;              ///< largest distance of two vertices
   std::vector<std::uint8_t> edge_on_boundary;   ///< edge belongs to one facet only, [facet][edge]
   std::vector<std::uint8_t> vertex_on_boundary; ///< vertex touches such an edge, [facet][vertex]
-  /// Smooth side of the surface at the vertex that the facet belongs to, below gdim; all 0 where
-  /// there is no crease. As the surface was at first. [facet][vertex]
+  /// Number of the smooth side of the surface, at the vertex, to which the facet belongs, below
+  /// gdim; 0 where there is no sharp edge. Determined in the initial configuration. [facet][vertex]
   std::vector<std::uint8_t> vertex_side;
-  /// Coordinates of all nodes of the trace, [facet][node][3]: of surfaces that follow their body.
+  /// Coordinates of all nodes of the trace, [facet][node][3], for surfaces with updated geometry.
   std::vector<double> trace_x;
 };
 
@@ -49,24 +49,25 @@ struct Nodes
   std::size_t size() const { return area.size(); }
 };
 
-/// Smooth sides of the nodes at creases whose unknowns this rank owns.
+/// Smooth sides of the nodes on sharp edges whose unknowns this rank owns.
 struct Sides
 {
-  std::vector<std::size_t> node;  ///< in the surface's nodes, ascending, [entry]
+  std::vector<std::size_t> node;  ///< index into the surface's nodes, ascending, [entry]
   std::vector<std::uint8_t> side; ///< as Facets::vertex_side, [entry]
-  Nodes at;                       ///< areas and normals of the sides alone; no dofs, [entry]
+  Nodes at;                       ///< areas and normals of the single sides; without dofs, [entry]
   std::vector<double> inward;     ///< from the node to the middle of the side's facets, [entry][3]
 };
 
-/// Cosine of the angle (30°) by which normals of facets at a node may differ, step by step, on one
-/// smooth side; the others are beyond a crease.
+/// Cosine of the angle (30°) by which normals of neighbouring facets at a node may differ within
+/// one smooth side. Facets with a larger difference are beyond a sharp edge.
 inline constexpr double smooth_cosine = 0.866025;
 
 /// The boxes of all ranks. Collective.
 std::vector<Box> boxes_of_ranks(MPI_Comm comm, const Box& box);
 
-/// Numbers in a facet's key, of when contact with itself was made: its outward normal, its middle,
-/// and 1 if the place just outside of that was free, 0 if it was within the body.
+/// Number of values in a facet's key, which describes the facet when the self-contact was made: its
+/// outward normal, its middle, and 1 if the place just outside of the middle was free, 0 if it was
+/// within the body.
 inline constexpr std::size_t key_size = 7;
 
 /// Contact surface of one body.
@@ -84,33 +85,33 @@ public:
   /// @param owner rank that owns the unknowns of a node, [facet][node]
   /// @param inside a point of the body behind the facet, [facet][3]
   /// @param local_size number of unknowns of the body that this rank owns
-  /// @param axisymmetric coordinates are (r, z): facets stand for rings, areas are 2πr times
+  /// @param axisymmetric coordinates are (r, z): facets represent rings, areas are 2πr times
   /// lengths
-  /// @param touches_itself whether it is all of a body's boundary, parts of which touch others
-  /// @param key then, of each facet, [facet][key_size], what gives it its role, see
-  /// pairing/roles.h; NaN of those that touch nothing, whose vertices are no nodes
+  /// @param touches_itself whether the surface is the whole boundary of a body in self-contact
+  /// @param key for self-contact: values that determine the role of each facet, [facet][key_size],
+  /// see pairing/roles.h; NaN for facets that take no part in contact, whose vertices are not nodes
   Surface(MPI_Comm comm, int gdim, int block, FacetType type, std::span<const double> x, int degree,
           std::span<const std::int64_t> dofs, std::span<const int> owner,
           std::span<const double> inside, std::int64_t local_size, bool axisymmetric,
           bool touches_itself = false, std::span<const double> key = {});
   ~Surface();
-  /// Let the facets have other coordinates; collective. @param x, inside as above
+  /// Set new coordinates of the facets; collective. @param x, inside as in the constructor
   void move(std::span<const double> x, std::span<const double> inside);
-  /// Let the nodes of the trace have other coordinates, without a look at areas and normals of
-  /// nodes; which way facets look stays. Local. @param trace_x [facet][node][3]
+  /// Set new coordinates of the trace nodes without updating areas and normals of nodes. The
+  /// orientation of facets stays the same. Local. @param trace_x [facet][node][3]
   void follow(std::span<const double> trace_x);
-  /// Areas and normals of the nodes, where facets have followed their body to. Collective.
+  /// Compute areas and normals of the nodes for the coordinates set by follow(). Collective.
   void measure_nodes();
-  /// Whether it has ever followed its body.
+  /// Whether follow() has ever been called.
   bool follows() const { return follows_; }
-  /// Of a boundary that touches itself what gives facets their roles, [facet][key_size], NaN of
-  /// those that touch nothing; else empty.
+  /// Values that determine the roles of facets in self-contact, [facet][key_size], NaN for facets
+  /// that take no part in contact; empty without self-contact.
   const std::vector<double>& keys() const { return key_; }
   std::span<const double> key(std::size_t facet) const
   {
     return std::span(key_).subspan(facet * key_size, key_size);
   }
-  /// Whether it may touch itself; the same on all ranks.
+  /// Whether this is a surface for self-contact; same on all ranks.
   bool touches_itself() const { return touches_itself_; }
   Surface(const Surface&) = delete;
   Surface& operator=(const Surface&) = delete;
@@ -123,7 +124,7 @@ public:
   FacetType type() const { return type_; }
   int num_vertices() const { return static_cast<int>(type_); }
   int degree() const { return degree_; }
-  /// Area that a unit of facet at x stands for: 2πr of a ring, otherwise 1.
+  /// Area per unit length or area of a facet at x: 2πr for rings, otherwise 1.
   double area_factor(const Vec3& x) const
   {
     return axisymmetric_ ? 2 * std::numbers::pi * x[0] : 1.0;
@@ -145,17 +146,18 @@ public:
   Vec3 normal(std::size_t facet, std::array<double, 2> xi) const;
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
-  /// Tree of the boxes of this rank's facets, made when it is first asked for.
+  /// Tree of the boxes of this rank's facets, built in the first call.
   const BoxTree& tree() const;
   /// Boxes around the facets of each rank, widened by the radius. Collective.
   std::vector<Box> rank_boxes(double radius) const;
-  /// Smallest and largest size over all ranks of the facets that may touch anything. Collective.
+  /// Smallest and largest size, over all ranks, of the facets that take part in contact.
+  /// Collective.
   std::array<double, 2> facet_size_range() const;
-  /// Whether there is a crease on any rank.
+  /// Whether there is a sharp edge on any rank.
   bool has_creases() const { return has_creases_; }
-  /// Sides of the owned nodes at creases, where the surface is now. Collective.
+  /// Smooth sides of the owned nodes on sharp edges, in the current configuration. Collective.
   Sides sides() const;
-  /// Facets::vertex_side of these nodes, 0 of all others, [facet][vertex]. Collective.
+  /// Facets::vertex_side at the chosen nodes, 0 at all others, [facet][vertex]. Collective.
   /// @param chosen flags of the owned nodes
   std::vector<std::uint8_t> sides_of_facets(std::span<const std::uint8_t> chosen) const;
   /// Index of the owned node with this first unknown. @throws std::logic_error if it is not here
@@ -164,7 +166,7 @@ public:
 private:
   void orient_and_measure(std::span<const double> inside);
   void number_nodes();
-  /// Values of the vertices that are nodes, sent to their owners. @param values [facet][vertex]
+  /// Send the values of the vertices that are nodes to their owners. @param values [facet][vertex]
   template <typename T>
   std::vector<T> tell_owners(const std::vector<T>& values, int width) const
   {
@@ -177,7 +179,8 @@ private:
                   values.begin() + static_cast<std::ptrdiff_t>((v + 1) * width));
     return to_owner_->forward<T>(some, width);
   }
-  /// What owners answer to those, [facet][vertex]; 0 of vertices that are no nodes.
+  /// Send the owners' answers to tell_owners() back, [facet][vertex]; 0 for vertices that are not
+  /// nodes.
   std::vector<std::uint8_t> answers_of_owners(const std::vector<std::uint8_t>& answers) const;
   void mark_boundary();
   void find_sides();
@@ -192,11 +195,12 @@ private:
   std::vector<double> key_;
   Facets facets_;
   Nodes nodes_;
-  mutable std::unique_ptr<BoxTree> tree_;   ///< null until asked for
+  mutable std::unique_ptr<BoxTree> tree_;   ///< null until tree() is called
   mutable bool tree_follows_ = false;       ///< false after facets have moved
-  std::vector<std::size_t> vertices_;       ///< of facets that may touch anything, as numbers
-  std::unique_ptr<Exchange> to_owner_;      ///< from these to their owners
-  std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank was told of
+  std::vector<std::size_t> vertices_;       ///< indices of the vertices of facets that take part in
+                                            ///< contact
+  std::unique_ptr<Exchange> to_owner_;      ///< from `vertices_` to their owners
+  std::vector<std::size_t> node_of_record_; ///< node of each vertex that this rank has received
 };
 
 } // namespace qsdolfinx

@@ -10,7 +10,8 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Adds matrices of pieces, [node][3][node][3], the slave's nodes first, to that of all unknowns.
+/// Adds matrices of pieces, [node][3][node][3], the slave's nodes first, to the matrix of all
+/// unknowns.
 class Insertion
 {
 public:
@@ -61,11 +62,11 @@ private:
   std::vector<double> scale_;          ///< of these
   RowSums& sums_;
   std::vector<PetscInt> numbers_; ///< reused storage
-  std::vector<double> block_;     ///< likewise
+  std::vector<double> block_;     ///< reused storage
 };
 
-/// What changes of pieces' forces are sums of: those of fixed places, of the motion of points, and
-/// of heights.
+/// Terms of the derivatives of the pieces' forces: for fixed points, for the motion of points, and
+/// for heights.
 struct Terms
 {
   using Points = std::span<const RayPoint>;

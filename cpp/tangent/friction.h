@@ -10,7 +10,7 @@ namespace qsdolfinx
 /// symmetric unless c = 0. Stays within the pattern of insert_contact for G. Rows and columns of
 /// constrained unknowns are left out. The blocks are not assembled here.
 ///
-/// @param jump J, made of the same pairing points as the other; it knows the constrained unknowns
+/// @param jump J, made of the same pairing points as `normal`; its constrained unknowns are used
 /// @param normal G
 /// @param stiffness D times the area of each row, [row][gdim][gdim]
 /// @param coupling c times the area, [row][gdim]; rows in which both are zero are skipped

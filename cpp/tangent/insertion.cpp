@@ -36,13 +36,12 @@ struct Columns
           row[end[c]] = r;
           entry[end[c]++] = e;
         });
-    end.pop_back(); // by now each has moved from where its column begins to where it ends
+    end.pop_back(); // each entry of `end` has moved from the start of its column to the end
   }
 };
 
-/// Inserts one of the four blocks of Gᵀ D G, all that belongs to one node at a time: equal entries
-/// of different rows are added here, and PETSc gets every entry once, its columns in ascending
-/// order.
+/// Inserts one of the four blocks of Gᵀ D G, node by node. Equal entries of different rows are
+/// added here, so that every entry is passed to PETSc only once, with columns in ascending order.
 class BlockInsertion
 {
 public:
@@ -75,7 +74,8 @@ public:
 private:
   using Range = std::pair<std::size_t, std::size_t>;
 
-  /// Whether an entry couples all unknowns of its node: not in a jump, unless it turns.
+  /// Whether an entry couples all unknowns of its node. For a jump it does only if the jump is
+  /// co-rotated.
   bool couples() const { return gap_.kind() == GapKind::normal || gap_.turns(); }
   /// Unknowns of a node that an entry couples.
   std::size_t width() const { return couples() ? d_ : 1; }
@@ -129,7 +129,7 @@ private:
   void insert(Mat block, const PetscInt* rows)
   {
     const auto num_columns = columns_.size();
-    // The rows of a jump that does not turn couple each component with itself only.
+    // The rows of a jump that is not co-rotated couple each component only with itself.
     const std::size_t per_call = width();
     const auto [begin, end] = couples() ? std::pair<std::size_t, std::size_t>(0, 1) : components_;
     for (std::size_t k = begin; k < end; ++k)
@@ -151,7 +151,7 @@ private:
   bool pattern_;
   const std::vector<PetscInt>& dofs_;
   std::vector<std::int32_t> place_; ///< place of a column among those of a node, or -1
-  // Of the present node.
+  // Of the current node.
   std::vector<std::int32_t> columns_;
   std::vector<PetscScalar> values_;
   std::vector<PetscInt> unknowns_;

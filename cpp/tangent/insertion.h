@@ -17,9 +17,8 @@ using ContactBlocks = std::array<Mat, 4>;
 /// @param stiffness D, one value per row of the operator, or for jumps one for each component; rows
 ///        with 0 are skipped
 /// @param scale displacement per unknown of the slave's and the master's body: multiplies columns
-/// @param pattern insert explicit zeros in the whole pattern, constrained unknowns included,
-/// instead:
-///        fixes the non-zero pattern for whatever rows become active later
+/// @param pattern insert explicit zeros in the whole pattern instead, constrained unknowns
+/// included; this fixes the non-zero pattern for all rows that become active later
 void insert_contact(const GapOperator& gap, std::span<const double> stiffness, ContactBlocks blocks,
                     std::array<double, 2> scale, bool pattern);
 

@@ -14,7 +14,7 @@ namespace
 class DenseRows
 {
 public:
-  /// Take some rows. Whether their columns are others than those of the rows before.
+  /// Read some rows. Returns whether their columns differ from those of the previous rows.
   bool take(const StackedRows& rows, std::size_t first, std::size_t count)
   {
     size_ = count;
@@ -29,18 +29,18 @@ public:
   std::size_t size() const { return size_; }
   /// Columns, ascending.
   const std::vector<PetscInt>& columns() const { return columns_; }
-  /// Row k by these columns.
+  /// Values of row k in these columns.
   const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
 
 private:
-  /// Columns that follow each other.
+  /// Consecutive columns.
   struct Run
   {
     const PetscInt* columns;
-    std::size_t count, first; ///< first of them among the places
+    std::size_t count, first; ///< `first`: its first entry in `place_`
   };
 
-  /// The same if the columns are those of the rows before.
+  /// Read the rows if their columns are those of the previous rows; returns whether they are.
   bool take_as_before(const StackedRows& rows, std::size_t first, std::size_t count)
   {
     const std::size_t n = columns_.size();
@@ -93,11 +93,11 @@ private:
   std::size_t size_ = 0;
   std::vector<PetscInt> found_, columns_;
   std::vector<Run> runs_;
-  std::vector<std::int32_t> place_; ///< of each that was found among the columns, -1 of none
+  std::vector<std::int32_t> place_; ///< of each found column, -1 for ignored ones
   std::vector<double> values_;
 };
 
-/// Sums of products of points with the same columns.
+/// Sums of the products of points with the same columns.
 class Blocks
 {
 public:
@@ -136,7 +136,7 @@ public:
     }
   }
 
-  /// Add what there is so far.
+  /// Add the current block to the matrix.
   void end()
   {
     if (!is_open_)
@@ -163,7 +163,7 @@ void StackedRows::add_gaps(const GapOperator& gap, int side, std::vector<PetscIn
 {
   const std::size_t num_columns = gap.side(side).dofs.size();
   if (gap.num_rows() != num_points_ || numbers.size() != num_columns)
-    throw std::invalid_argument("a row for each point, and a number for each unknown");
+    throw std::invalid_argument("expected one row for each point and one number for each unknown");
   gaps_.push_back({&gap, side, std::move(numbers), factor, first});
 }
 
@@ -171,7 +171,7 @@ void StackedRows::add_rows(const CompressedRows& rows, double factor, std::size_
                            std::size_t width)
 {
   if (rows.offset.size() != num_points_ * width + 1)
-    throw std::invalid_argument("as many rows for each point");
+    throw std::invalid_argument("expected `width` rows for each point");
   others_.push_back({&rows, factor, first, width});
 }
 
@@ -183,7 +183,7 @@ void qsdolfinx::add_products(RowSums& sums, const StackedRows& left, const Stack
   if (left.num_rows() != num_rows || left.components() != components
       || (!coupled && D.size() != num_rows))
     throw std::invalid_argument("D must hold a number for each row, or a matrix for each point");
-  // Rows of a point together: their columns are those of the point before, as a rule.
+  // Rows of a point are treated together; usually their columns are those of the previous point.
   const std::size_t count = components, of_point = coupled ? count * count : count;
   DenseRows by_left, by_right;
   const bool same = &left == &right;

@@ -1,4 +1,5 @@
-// Products Lᵀ D R of rows by all unknowns of the equations, which are never formed.
+// Products Lᵀ D R of rows over all unknowns of the equations; the rows themselves are never
+// assembled.
 #pragma once
 
 #include "gap/gap.h"
@@ -15,16 +16,17 @@
 namespace qsdolfinx
 {
 
-/// Rows of this rank in compressed form, by numbers of all unknowns; negative columns are none.
+/// Rows of this rank in compressed form. Columns are numbers among all unknowns; negative columns
+/// are ignored.
 struct CompressedRows
 {
   std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
   std::vector<PetscInt> column;     ///< of each entry
-  std::vector<double> value;        ///< likewise
+  std::vector<double> value;        ///< of each entry
 };
 
-/// A sum of rows of gap operators and others, `components` for each point. Parts are referred to
-/// and must outlive it.
+/// A sum of rows of gap operators and of other rows, `components` rows for each point. The parts
+/// are stored by reference and must outlive the object.
 class StackedRows
 {
 public:
@@ -37,17 +39,19 @@ public:
   std::size_t components() const { return components_; }
   std::size_t num_rows() const { return num_points_ * components_; }
 
-  /// A factor times one side of an operator, in components from `first` on.
-  /// @param numbers of the side's unknowns among all, [column][block]; negative where they are held
+  /// Add a factor times one side of an operator, in components from `first` on.
+  /// @param numbers numbers of the side's unknowns among all unknowns, [column][block]; negative
+  /// where a Dirichlet condition holds
   void add_gaps(const GapOperator& gap, int side, std::vector<PetscInt> numbers, double factor,
                 std::size_t first);
-  /// A factor times rows, `width` for each point, in components from `first` on.
+  /// Add a factor times rows, `width` for each point, in components from `first` on.
   void add_rows(const CompressedRows& rows, double factor, std::size_t first, std::size_t width);
 
-  /// visit(column, value) for the entries of a row; a column may come several times.
+  /// Call visit(column, value) for the entries of a row. A column may occur several times.
   template <typename Visit>
   void visit(std::size_t row, Visit visit) const;
-  /// The same by runs, visit(columns, values, count, factor); negative columns are none.
+  /// Call visit(columns, values, count, factor) for runs of entries of a row; negative columns are
+  /// to be ignored.
   template <typename Visit>
   void visit_runs(std::size_t row, Visit visit) const;
 
@@ -119,9 +123,9 @@ void StackedRows::visit_runs(std::size_t row, Visit visit) const
   }
 }
 
-/// Add Lᵀ D R to a matrix by all unknowns. Points that follow each
-/// other and have the same columns, as those of a piece, are inserted as one block; where D is zero
-/// zeros are, so that the pattern stays.
+/// Add Lᵀ D R to a matrix over all unknowns. Consecutive points with the same columns, such as the
+/// points of a piece, are inserted as one block. Where D is zero, explicit zeros are inserted, so
+/// that the pattern stays the same.
 ///
 /// @param D a number for each row, or a matrix [component][component] for each point
 void add_products(RowSums& sums, const StackedRows& left, const StackedRows& right,

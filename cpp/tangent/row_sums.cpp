@@ -8,7 +8,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Values that are kept before they are inserted: 2 MiB.
+/// Number of values that are collected before they are inserted: 2 MiB.
 constexpr std::size_t most_values = std::size_t(1) << 18;
 } // namespace
 
@@ -49,7 +49,7 @@ void RowSums::add_entries(std::span<const std::int64_t> rows, std::span<const st
 
 void RowSums::insert()
 {
-  std::vector<PetscInt> known(columns_); // ascending; the place of a column stands for it below
+  std::vector<PetscInt> known(columns_); // ascending; below, a column is represented by its place
   std::ranges::sort(known);
   known.erase(std::ranges::unique(known).begin(), known.end());
   std::vector<std::int32_t> place(columns_.size());
@@ -57,7 +57,7 @@ void RowSums::insert()
                          { return std::ranges::lower_bound(known, column) - known.begin(); });
   std::ranges::stable_sort(parts_, {}, &Part::row);
 
-  std::vector<std::int32_t> at(known.size(), -1); // where a column is in the present row, or -1
+  std::vector<std::int32_t> at(known.size(), -1); // place of a column in the current row, or -1
   std::vector<std::int32_t> found;
   std::vector<PetscInt> columns;
   std::vector<PetscScalar> sums;

@@ -1,4 +1,4 @@
-// Dense blocks that are added up row by row before a matrix gets them.
+// Dense blocks that are summed row by row before they are inserted into a matrix.
 #pragma once
 
 #include <petscmat.h>
@@ -11,27 +11,27 @@
 namespace qsdolfinx
 {
 
-/// Adds many small dense blocks to a matrix, which is not assembled here: blocks of neighbours, as
-/// pieces of facets have, share most of their entries, and PETSc gets each of these once. Zeros are
-/// entries, too. Call insert() at the end.
+/// Adds many small dense blocks to a matrix, which is not assembled here. Blocks of neighbouring
+/// pieces of facets share most of their entries; each entry is passed to PETSc only once. Zeros are
+/// inserted as entries, too. Call insert() at the end.
 class RowSums
 {
 public:
   explicit RowSums(Mat matrix) : matrix_(matrix) {}
 
-  /// Negative numbers of rows and columns are left out. @param values [row][column]
+  /// Add a block; negative numbers of rows and columns are left out. @param values [row][column]
   void add(std::span<const PetscInt> rows, std::span<const PetscInt> columns,
            std::span<const double> values);
-  /// Blocks that follow each other in memory, [block][row][column]; numbers are [block][row].
+  /// Add square blocks, contiguous in memory, [block][row][column]; numbers are [block][row].
   void add_squares(std::span<const std::int64_t> numbers, std::span<const double> values,
                    std::size_t size);
-  /// Entries in any order, of any rank's rows; negative numbers are left out.
+  /// Add entries in any order, in rows of any rank; negative numbers are left out.
   void add_entries(std::span<const std::int64_t> rows, std::span<const std::int64_t> columns,
                    std::span<const double> values);
   void insert();
 
 private:
-  /// A row of a block: where its columns and values begin.
+  /// A row of a block: the positions at which its columns and values begin.
   struct Part
   {
     PetscInt row;

@@ -8,7 +8,7 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Numbers in the larger system. Neighbours in a row mostly have the same owner.
+/// Converts numbers to the larger system. Neighbouring entries of a row mostly have the same owner.
 class Renumber
 {
 public:

@@ -1,4 +1,4 @@
-// Rows of one body's matrix in the matrix of all bodies.
+// Insertion of rows of one body's matrix into the matrix of all bodies.
 #pragma once
 
 #include <petscmat.h>
@@ -10,11 +10,11 @@
 namespace qsdolfinx
 {
 
-/// Where a body's unknowns are in a larger system: those of rank r, from ranges[r] on, have
-/// shifts[r] added to their number.
+/// Numbers of a body's unknowns in a larger system: shifts[r] is added to the numbers of the
+/// unknowns of rank r, which begin at ranges[r].
 struct Numbering
 {
-  std::span<const std::int64_t> ranges; ///< one more than there are ranks
+  std::span<const std::int64_t> ranges; ///< one entry more than the number of ranks
   std::span<const std::int64_t> shifts;
 };
 
@@ -25,22 +25,22 @@ enum class RowMode
   add
 };
 
-/// Put rows of a block into a larger matrix; neither is assembled here.
+/// Insert rows of a block into a larger matrix; neither is assembled here.
 ///
 /// @param block rows of one body, columns of one body; assembled
 /// @param matrix takes the rows, which this rank owns
 /// @param rows local numbers of rows of the block
-/// @param row_numbers of the body of the rows
-/// @param column_numbers of the body of the columns
+/// @param row_numbers numbering of the body of the rows
+/// @param column_numbers numbering of the body of the columns
 void put_rows(Mat block, Mat matrix, std::span<const std::int32_t> rows,
               const Numbering& row_numbers, const Numbering& column_numbers, RowMode mode);
 
-/// Number of entries in each of this rank's rows of a block: in columns that this rank owns for all
-/// rows, then in others for all rows.
+/// Numbers of entries in each of this rank's rows of a block: for all rows the number in columns
+/// that this rank owns, then for all rows the number in other columns.
 std::vector<std::int32_t> count_entries(Mat block);
 
-/// Fix the pattern of a matrix with sizes and type: places of entries, on any rank's rows; those
-/// that are there several times are added up. Collective.
+/// Fix the non-zero pattern of a matrix whose sizes and type are set. The places of entries may be
+/// in rows of any rank; values at repeated places are added. Collective.
 void set_places(Mat matrix, std::span<const std::int64_t> rows,
                 std::span<const std::int64_t> columns);
 

@@ -79,7 +79,9 @@ def test_friction(cell, state):
     assert errors(equations, *state(equations)) < 1e-7
 
 
-@pytest.mark.parametrize("options", ({"friction_penalty": 30.0}, {"unknown": "velocity", "dt": 0.5}))
+@pytest.mark.parametrize(
+    "options", ({"friction_penalty": 30.0}, {"unknown": "velocity", "dt": 0.5})
+)
 def test_factors(options):
     """Equations of slips have a factor of their own, and velocities count times the step."""
     options |= {"sliding": "finite", "friction": qs.Coulomb(0.3)}
