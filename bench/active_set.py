@@ -1,9 +1,9 @@
-"""Contact that has to be found, beside the same meshes tied where they are.
+"""Compare contact whose active set is unknown with a tie of the same meshes.
 
 A sphere on a block, of hexahedra (bench/peers/sphere.py), with unilateral contact and with a tie of
-all that faces each other, whose rows never change: from the bodies to the solution, in one process
-on one rank, CPU seconds of the fastest of some runs. "newton" and "krylov" are iterations of the
-whole solve, "ratio" is unilateral over tied.
+all opposite surfaces, whose constraints never change. Measured from the bodies to the solution, in
+one process on one rank, CPU seconds of the fastest of some runs. "newton" and "krylov" are
+iterations of the whole solve, "ratio" is unilateral over tied.
 
     python3 bench/active_set.py --sizes 20,16 40,32 --json bench/results/active_set.json
 """
@@ -26,12 +26,12 @@ LAWS = {"tied": qs.Tied, "unilateral": qs.Unilateral}
 
 
 def solve(law, bodies, p):
-    """Seconds, unknowns, iterations and the stages of one solve."""
+    """Return seconds, unknowns, iterations and the stages of one solve."""
     forms, u, bcs, surfaces = zip(*bodies, strict=True)
     for each in u:
         each.x.array[:] = 0
     start = time.process_time()
-    # a tie reaches all of the sphere's lower side
+    # the tie covers all of the sphere's lower side
     contact = qs.Contact(
         *surfaces[::-1],
         law=LAWS[law](),
@@ -53,7 +53,7 @@ def solve(law, bodies, p):
 
 
 def rows_of(sizes, p):
-    """A row for each law."""
+    """Return a row for each contact law."""
     bodies = [ours.create_body(b, i, sphere) for i, b in enumerate(sphere.bodies(sizes))]
     rows = {}
     for _ in range(p.repeats):

@@ -1,11 +1,11 @@
-"""Whether anything has become slower: ratios measured in one run against recorded ones.
+"""Check for loss of speed: compare ratios measured in one run with recorded ratios.
 
 Every figure is a ratio of two measurements of this run, or a count, so that the machine matters
-little: contact against one body without it (seconds of the processor, memory, Krylov iterations,
-both to the same residual; bench/scaling.py), pairing against SciPy's k-d tree (bench/pairing.py),
-the overlay against nodal quadrature, a Newton iteration of flow against an elastic problem
-(bench/flow.py), contact that is looked for against a tie (bench/active_set.py). The fastest of the
-repeats counts. Ends with 1 if a figure is more than 25 % worse than recorded.
+little: contact against one body without contact (processor seconds, memory, Krylov iterations, both
+to the same residual; bench/scaling.py), contact detection against SciPy's k-d tree
+(bench/pairing.py), overlay against nodal quadrature, a Newton iteration of flow against an elastic
+problem (bench/flow.py), contact with an unknown active set against a tie (bench/active_set.py). The
+fastest repeat counts. Ends with 1 if a figure is more than 25 % worse than recorded.
 
     make bench-check
     python3 bench/check.py --record
@@ -23,7 +23,7 @@ from machine import circumstances
 from scaling import CONTACT, start
 
 RECORD = pathlib.Path(__file__).resolve().parent / "results" / "ratios.json"
-#: How much worse than recorded a figure may be.
+#: Ratio to the recorded figure from which on a figure counts as worse.
 ALLOWED = 1.25
 CELLS = 20
 
@@ -50,9 +50,9 @@ SCENES = {
 
 
 def ratios_of_solving(repeats):
-    """Contact against a bonded body of as many unknowns, on one rank; each at its fastest.
+    """Measure contact against a bonded body of as many unknowns, on one rank; each at its fastest.
 
-    The scenes take turns, so that a busy minute of the machine meets all of them.
+    The scenes alternate, so that a busy minute of the machine affects all of them.
     """
     runs = [
         {name: start(model, CELLS, 1, options) for name, (model, options) in SCENES.items()}
@@ -70,7 +70,7 @@ def ratios_of_solving(repeats):
 
 
 def ratios_of_pairing():
-    """Pairing against the nearest vertex by SciPy."""
+    """Measure contact detection against SciPy's search for the nearest vertex."""
     from pairing import measure
 
     out = {}
@@ -83,7 +83,7 @@ def ratios_of_pairing():
 
 
 def ratios_of_flow():
-    """A Newton iteration of the forging demo against a whole elastic contact problem."""
+    """Measure a Newton iteration of the forging demo against a whole elastic contact problem."""
     import flow
 
     options = types.SimpleNamespace(m=0.15, enforcement="penalty", solver="schur", steps=2, ranks=1)
@@ -95,7 +95,7 @@ def ratios_of_flow():
 
 
 def ratios_of_active_sets():
-    """Unilateral Hertz contact against a tie of the same meshes."""
+    """Measure unilateral Hertz contact against a tie of the same meshes."""
     from active_set import rows_of
 
     out = {}
@@ -109,7 +109,7 @@ def ratios_of_active_sets():
 
 
 def least(runs):
-    """Of each figure."""
+    """Measure each figure."""
     return {name: min(run[name] for run in runs) for name in runs[0]}
 
 
@@ -117,7 +117,7 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--record", action="store_true", help="write what is measured")
+    parser.add_argument("--record", action="store_true", help="record the measured figures")
     parser.add_argument("--repeats", type=int, default=3)
     p = parser.parse_args()
     figures = ratios_of_solving(p.repeats)

@@ -1,7 +1,7 @@
-"""Pressure of conforming surfaces, by what their facets stand for.
+"""Compare the pressure of conforming surfaces for different smoothing of their facets.
 
-A shrink fit, and rings that meet in the pressure p + q cos 2θ, in 2D, each side as the slave and
-each mesh inside. Prints the table of docs/method.md.
+A shrink fit, and rings with the contact pressure p + q cos 2θ, in 2D, with each side as the slave
+and each mesh inside. Prints the table of docs/method.md.
 
     python3 bench/curved_facets.py
 """
@@ -31,7 +31,7 @@ KINDS = {
 
 
 def solved(scene, n, options):
-    """All ways round."""
+    """Run all combinations."""
     for meshes in (n, n[::-1]):
         for swap in (False, True):
             made = scene(meshes, swap, enforcement="augmented-lagrangian", **options)

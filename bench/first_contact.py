@@ -1,9 +1,10 @@
-"""Friction in the step in which bodies meet: forces and dissipation for fewer and fewer steps.
+"""Friction in the step of contact onset: forces and dissipation for fewer and fewer steps.
 
-A block moves down and sideways along a straight way, and meets a floor, or a coarser block, after
-0.897 of it. Printed are T/N and the energy that friction took, relative to those of the largest
-number of steps, for laws, enforcements, bodies in displacements and velocities, rigid tools and two
-bodies, with problem.solve() and with a qs.TimeStepper (bodies in velocities: with that alone).
+A block moves down and sideways along a straight path, and meets a floor, or a coarser block, after
+0.897 of it. Printed are T/N and the energy dissipated by friction, relative to the results with the
+largest number of steps, for laws, enforcements, displacement-based and velocity-based bodies, rigid
+tools and two bodies, with problem.solve() and with a qs.TimeStepper (velocity-based bodies: only
+with the stepper).
 
     python3 bench/first_contact.py [--laws Coulomb …] [--steps 1 2 5 10 50 200]
 """
@@ -22,7 +23,7 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
-#: Ways of the block's upper side, and what is open at first.
+#: Displacements of the block's upper side, and the initial gap.
 DOWN, SIDEWAYS, OPEN = 0.01, 0.01, 0.00897
 LAWS = {
     "Coulomb": lambda: qs.Coulomb(0.05),
@@ -34,7 +35,7 @@ NO_STEPPER, STEPPER = "solve()", "TimeStepper"
 
 
 class Result(typing.NamedTuple):
-    """What a run ends with."""
+    """Result of a run."""
 
     tangential: float
     normal: float
@@ -42,17 +43,17 @@ class Result(typing.NamedTuple):
 
     @property
     def ratio(self):
-        """T/N."""
+        """Ratio T/N."""
         return self.tangential / self.normal
 
 
 def body(low, n, held, kind, wider=0.0):
-    """A block of unit height from low on; held at y = held by the value returned."""
+    """Make a block of unit height above ``low``; the returned value prescribes the end y = held."""
     corners = [[0.0 - wider, low], [1.0 + wider, low + 1.0]]
     msh = mesh.create_rectangle(COMM, corners, n, mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
-    # With a velocity: a compressible fluid.
+    # With velocities: a compressible fluid.
     F = ufl.inner(qs.materials.linear_elastic(u, 10.0, 0.3), ufl.grad(v)) * ufl.dx
     value = fem.Constant(msh, (0.0, 0.0))
     at = mesh.locate_entities_boundary(msh, 1, lambda x: np.isclose(x[1], held))
@@ -61,13 +62,13 @@ def body(low, n, held, kind, wider=0.0):
 
 
 def side(V, y):
-    """The surface at this height."""
+    """Return the surface at this height."""
     at = mesh.locate_entities_boundary(V.mesh, 1, lambda x: np.isclose(x[1], y))
     return qs.Surface(V, facets=at)
 
 
 def run(law, enforcement, kind, master, driver, steps, **options):
-    """All steps of a scene."""
+    """Make all steps of a scene."""
     V, F, u, bcs, top = body(OPEN, [6, 6], OPEN + 1, kind)
     Fs, us, conditions = [F], [u], [bcs]
     if master == "tool":
@@ -108,7 +109,7 @@ def run(law, enforcement, kind, master, driver, steps, **options):
 
 
 def scenes(laws):
-    """All combinations."""
+    """Yield all combinations."""
     enforcements = ("penalty", "augmented-lagrangian")
     for law, enforcement, kind, master, driver in itertools.product(
         laws, enforcements, ("displacement", "velocity"), ("tool", "body"), (NO_STEPPER, STEPPER)
@@ -118,7 +119,7 @@ def scenes(laws):
 
 
 def relative(value, reference):
-    """A value over that of the finest steps; "-" if that is nothing."""
+    """Format a value over the value of the finest steps; "-" if the latter is zero."""
     return f"{value / reference:7.3f}" if abs(reference) > 1e-14 else "      -"
 
 

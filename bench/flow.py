@@ -1,12 +1,13 @@
-"""Velocity–pressure flow in contact beside elastic contact of as many unknowns.
+"""Compare velocity–pressure flow in contact with elastic contact of as many unknowns.
 
 The forging demo, a Norton-Hoff workpiece between two elastic dies whose faces are four times finer,
-makes its first steps. Beside it, in the same process, two elastic blocks on non-matching meshes are
-pressed together: contact is made, and the problem set up and solved by "amg" with a penalty, from
-its bodies to closed gaps. "newton" and "krylov" are the flow's Newton iterations, over all steps
-and the continuation in m, and its linear solver's in each; "fixed" are Krylov iterations of a
-single solve to a residual of 1e-8 at the end. "ratio" is a Newton iteration, with all that steps
-take, over the whole elastic problem. Seconds are of the wall.
+makes its first steps. In the same process, two elastic blocks on non-matching meshes are pressed
+together: contact and problem are made, and the problem is solved by "amg" with a penalty, from the
+bodies to closed gaps. "newton" and "krylov" are the Newton iterations of the flow, over all steps
+and the continuation in m, and the iterations of its linear solver per Newton iteration; "fixed" are
+Krylov iterations of a single solve to a residual of 1e-8 at the end. "ratio" is the time of a
+Newton iteration, including all work of the steps, over the time of the whole elastic problem.
+Seconds are wall-clock seconds.
 
     python3 bench/flow.py --cells 8 14 --json flow.json
     python3 bench/flow.py --cells 8 --m 0.3 --enforcement augmented-lagrangian --ranks 2
@@ -27,12 +28,12 @@ import time
 here = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(here), str(here.parent / "demos")]
 
-#: Of the elastic problem, the fastest of which counts.
+#: Number of runs of the elastic problem; the fastest counts.
 REPEATS = 3
 
 
 def forging(p, cells):
-    """The first steps of the forging demo: problem, seconds, Newton and Krylov iterations."""
+    """Make the first steps of the forging demo: problem, seconds, Newton and Krylov iterations."""
     from mpi4py import MPI
 
     from forging import Parameters, assemble
@@ -62,7 +63,7 @@ def forging(p, cells):
 
 
 def fixed(problem):
-    """Krylov iterations of one solve with the tangent at the end."""
+    """Return the Krylov iterations of one solve with the tangent at the end."""
     import numpy as np
 
     newton = problem.newton
@@ -71,7 +72,7 @@ def fixed(problem):
 
 
 def elastic(unknowns):
-    """Unknowns and seconds of two elastic blocks in contact, the fastest of some runs."""
+    """Return unknowns and seconds of two elastic blocks in contact, the fastest of some runs."""
     from mpi4py import MPI
 
     from two_blocks import box, two_bodies
@@ -96,7 +97,7 @@ def elastic(unknowns):
 
 
 def measure(p, cells):
-    """One row."""
+    """Return one row."""
     elastic(2000)  # compiles the forms
     problem, seconds, newton, krylov = forging(p, cells)
     unknowns = problem.system.x.getSize()
@@ -117,7 +118,7 @@ def measure(p, cells):
 
 
 def start(p, cells):
-    """The row of a process of its own, or of as many as there are ranks."""
+    """Return the row of a separate process, or of as many processes as there are ranks."""
     command = ["mpirun", "--oversubscribe", "-n", str(p.ranks)] if p.ranks > 1 else []
     command += [sys.executable, __file__, "--run", "--cells", str(cells), "--m", str(p.m)]
     command += ["--enforcement", p.enforcement, "--solver", p.solver, "--steps", str(p.steps)]
@@ -129,7 +130,7 @@ def start(p, cells):
 
 
 def line(r):
-    """One row of the table."""
+    """Return one line of the table."""
     return (
         f"{r['unknowns']:10}{r['solver']:>8}{r['newton']:8}{r['krylov']:8.1f}{r['fixed']:7}"
         f"{r['seconds_per_newton']:11.3f}{r['elastic_unknowns']:10}{r['elastic_seconds']:9.3f}"
@@ -142,11 +143,11 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--cells", type=int, nargs="+", default=(8, 14), help="along the workpiece's radius")
+    add("--cells", type=int, nargs="+", default=(8, 14), help="cells along the workpiece's radius")
     add("--m", type=float, default=0.15, help="rate sensitivity")
     enforcements = "penalty", "augmented-lagrangian"
     add("--enforcement", choices=enforcements, default="penalty")
-    add("--solver", default="schur", help="of the flow")
+    add("--solver", default="schur", help="solver of the flow")
     add("--steps", type=int, default=2)
     add("--ranks", type=int, default=1)
     add("--json", metavar="FILE")

@@ -1,4 +1,4 @@
-"""The velocity–pressure scene of ``bench/solvers.py``: an elastic tool presses a block that flows.
+"""Velocity–pressure scene of ``bench/solvers.py``: an elastic tool presses a flowing block.
 
 The lower body is a Norton-Hoff block, a square or cube of MINI elements with velocity and pressure,
 held by planes of symmetry. The elastic tool on it covers 0.6 of an edge, so that the flow is far
@@ -29,7 +29,7 @@ def facets(msh, axis, value):
 
 
 def hold(V, axis, at_axis, at, value=0.0):
-    """Dirichlet condition on a component at a plane."""
+    """Make a Dirichlet condition on a component at a plane."""
     dofs = fem.locate_dofs_topological(
         V.sub(axis), V.mesh.topology.dim - 1, facets(V.mesh, at_axis, at)
     )
@@ -37,9 +37,9 @@ def hold(V, axis, at_axis, at, value=0.0):
 
 
 def block(dim, n, m):
-    """Form, unknown, conditions, contact surface and rate sensitivity of the block.
+    """Return form, unknown, conditions, contact surface and rate sensitivity of the block.
 
-    With m None it is a Newtonian fluid, whose form is linear.
+    With m None the block is a Newtonian fluid, whose form is linear.
     """
     msh = create(dim, n, [0.0] * dim, [1.0] * dim)
     W = qs.materials.mini_space(msh)
@@ -61,7 +61,7 @@ def block(dim, n, m):
 
 
 def tool(dim, n):
-    """Form, unknown, conditions and contact surface of the tool."""
+    """Return form, unknown, conditions and contact surface of the tool."""
     msh = create(dim, n, [0.0] * (dim - 1) + [1.0], [WIDTH] * (dim - 1) + [TOP])
     V = fem.functionspace(msh, ("Lagrange", 1, (dim,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -72,7 +72,7 @@ def tool(dim, n):
 
 
 def flow(dim, n, solver, enforcement, mu=0.0, m=1.0):
-    """The problem, and the rate sensitivity of its block; None is for a Newtonian fluid."""
+    """Return the problem, and the rate sensitivity of its block; None for a Newtonian fluid."""
     lower, upper = block(dim, n, m), tool(dim, max(4 * n // 5, 1))
     contact = qs.Contact(
         lower[3],

@@ -1,10 +1,11 @@
-"""Energy that friction takes in steps in which much closes or leaves, over that of many steps.
+"""Frictional energy in steps with much contact onset or loss, over the energy of many steps.
 
-An elastic block, contact as it is by default with Coulomb's law, and a rigid cylinder that
+An elastic block is in contact with a rigid cylinder, with Coulomb's law and otherwise default
+options. The cylinder
 
-- slides on it, pressed before, by some part of a facet in each step;
-- is pressed and dragged at once, from where it does not touch yet;
-- slides on, pressed before, and lifts off on the way.
+- slides on the block, after pressing, by some fraction of a facet in each step;
+- is pressed and dragged at the same time, starting before contact;
+- slides on the block, after pressing, and lifts off on the way.
 
     python3 bench/friction_energy.py
 """
@@ -19,12 +20,12 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
-#: Size of cells, radius of the cylinder, depth, and ways along the block.
+#: Size of cells, radius of the cylinder, depth, and displacements along the block.
 H, RADIUS, DEPTH, WAY, SHORT = 0.1, 1.5, 0.05, 1.2, 0.03
 
 
 def run(phases, touching=True):
-    """Energy taken in the last of some phases, each a way of the cylinder and a number of steps."""
+    """Return the energy of the last phase; a phase is a tool displacement and a number of steps."""
     msh = mesh.create_rectangle(COMM, [[0, -1], [4, 0]], [40, 10], mesh.CellType.quadrilateral)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)

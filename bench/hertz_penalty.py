@@ -1,4 +1,4 @@
-"""Hertz contact (two cylinders) over penalty and kind of normals: what the defaults rest on.
+"""Study Hertz contact (two cylinders) over penalty and kind of normals, to choose the defaults.
 
 Prints, for three mesh sizes around h, the worst L2 error in % of the recovered traction on the
 slave and on the master side.

@@ -1,18 +1,18 @@
-"""Indentation of an elasto-plastic block by a rigid cylinder, in and out: Newton's iterations.
+"""Indent an elasto-plastic block by a rigid cylinder, in and out: Newton iterations.
 
-Plane strain, half of the block (12 × 8 mm, MINI element), E = 200 GPa, ν = 0.3, yield stress
-300 MPa, hardening 1000 MPa, large strains; a cylinder of radius 4 mm goes 0.8 mm deep and comes
-out again, with Coulomb's friction or without.
+Plane strain, half of the block (12 × 8 mm, MINI element), E = 200 GPa, ν = 0.3, yield stress 300
+MPa, hardening 1000 MPa, large strains; a cylinder of radius 4 mm goes 0.8 mm deep and comes out
+again, with or without Coulomb friction.
 
     python3 bench/indentation_j2.py [--steps 16] [--cells 24] [--friction 0 0.3]
 
-Printed for each friction: the steps (in and out, until the cylinder is free), iterations of a step
-in the median, at 90 % and at worst, attempts that failed included, and their sum; the steps that
-were cut back; the force at full depth (N/mm, of the whole block); the mean pressure over the width
-in contact over the flow stress of uniaxial tests in plane strain, 2/√3 (Y + H α) at α = 0.2 a/R
-(Tabor's mean strain of a ball; fully plastic indentation gives about 2.6 to 3); and the energies:
-the cylinder's work, summed by the trapezoidal rule, less what is stored, dissipated and rubbed,
-over the work.
+Printed for each friction coefficient: the steps (in and out, until the cylinder is free); the
+iterations of a step, failed attempts included, in the median, at 90 % and at worst, and their sum;
+the steps that were cut back; the force at full depth (N/mm, of the whole block); the mean pressure
+over the contact width, divided by the flow stress of uniaxial tests in plane strain, 2/√3 (Y + H α)
+at α = 0.2 a/R (Tabor's mean strain of a ball; fully plastic indentation gives about 2.6 to 3); and
+the energy error: the cylinder's work, summed by the trapezoidal rule, less the energy stored,
+dissipated and lost in friction, over the work.
 """
 
 import argparse
@@ -39,8 +39,8 @@ class Indentation:
     """Block, cylinder and stepper.
 
     Args:
-        cells: Squares of four triangles along the block's half.
-        steps: On the way in, at least.
+        cells: Number of squares of four triangles along the half of the block.
+        steps: Smallest number of steps on the way in.
         friction: Coulomb's coefficient.
         comm: Communicator.
     """
@@ -66,24 +66,24 @@ class Indentation:
         self.stepper = qs.TimeStepper(self.problem, 1 / steps, drive)
 
     def force(self):
-        """On the cylinder, of the whole block. Collective."""
+        """Return the force on the cylinder, of the whole block. Collective."""
         return -2 * self.contact.force("slave")[1]
 
     def spent(self):
-        """Energy that is stored, dissipated and rubbed, of the whole block. Collective."""
+        """Return the energy stored, dissipated and lost in friction, whole block. Collective."""
         body = self.body.stored_energy() + self.body.dissipated_energy()
         return 2 * (body + self.contact.dissipated_energy())
 
 
 def _fix(V, axis, where):
-    """A component of the displacement is zero there."""
+    """Fix a component of the displacement at zero on a line."""
     facets = mesh.locate_entities_boundary(V.mesh, 1, where)
     dofs = fem.locate_dofs_topological(V.sub(axis), 1, facets)
     return fem.dirichletbc(fem.Constant(V.mesh, 0.0), dofs, V.sub(axis))
 
 
 def run(cells, steps, friction, comm=MPI.COMM_WORLD):
-    """Press in and take out; what the table shows, by name."""
+    """Press the cylinder in and take it out; return the entries of the table by name."""
     scene = Indentation(cells, steps, friction, comm)
     its, cut, work = [], 0, 0.0
     height, force, deepest = 0.0, 0.0, None

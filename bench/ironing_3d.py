@@ -1,10 +1,11 @@
-"""Ironing in 3D with multigrid, step by step, beside the same meshes tied where they face.
+"""Compare ironing in 3D with multigrid, step by step, with a tie of the same meshes.
 
-A cylinder's segment, ten times stiffer than a slab below it, is pressed down and drawn along it:
-linear hexahedra, which match nowhere. Each step moves the segment's top; unilateral contact pairs
-anew and looks for its active set (and for what sticks), a tie has the same rows in every step.
-CPU seconds on one rank of all steps, pairing and assembly included, without the set-up of forms.
-"newton" and "krylov" are iterations of all steps, "ratio" is of the seconds, over tied.
+A cylinder's segment, ten times stiffer than a slab below it, is pressed down and drawn along it.
+The meshes of linear hexahedra match nowhere. Each step moves the segment's top. Unilateral contact
+updates its contact pairs and finds its active set (and its stick and slip state); a tie has the
+same constraints in every step. CPU seconds on one rank of all steps, contact detection and assembly
+included, without the set-up of forms. "newton" and "krylov" are iterations of all steps, "ratio" is
+that of the seconds, over tied.
 
     python3 bench/ironing_3d.py --cells 16 32 --json bench/results/ironing_3d.json
 """
@@ -30,7 +31,7 @@ import qsdolfinx as qs
 COMM = MPI.COMM_WORLD
 NU = 0.3
 RADIUS = 4.0
-PRESSING, DEPTH, ADVANCE = 3, 0.03, 0.01  # steps; of all pressing; of a step along the slab
+PRESSING, DEPTH, ADVANCE = 3, 0.03, 0.01  # pressing steps; depth; advance of a step along the slab
 
 CONTACTS = {
     "tied": {"law": qs.Tied(), "search_radius": 1.0},
@@ -40,7 +41,7 @@ CONTACTS = {
 
 
 def create_body(E, low, high, cells, touching, shape=None):
-    """Form, displacement, conditions, surface and the constant that moves the side held."""
+    """Return form, displacement, conditions, surface and the constant that moves the held side."""
     msh = mesh.create_box(COMM, [low, high], cells, mesh.CellType.hexahedron)
     held = low[2] if touching == high[2] else high[2]
     msh.topology.create_connectivity(2, 3)
@@ -63,14 +64,14 @@ def create_body(E, low, high, cells, touching, shape=None):
 
 
 def segment(x):
-    """A block on z = 0 made round below."""
+    """Make the lower side of a block on z = 0 round."""
     out = x.copy()
     out[:, 2] += (1 - x[:, 2] / 0.8) * (x[:, 0] - 0.9) ** 2 / (2 * RADIUS)
     return out
 
 
 def create_bodies(n):
-    """The segment, and a slab with ``n`` cells across."""
+    """Make the segment, and a slab with ``n`` cells across."""
     m = round(0.73 * n)
     slab = create_body(1.0, (0, 0, -1.0), (3.2, 1.0, 0), [round(3.2 * n), n, n], 0)
     tool = create_body(10.0, (0.3, 0, 0), (1.5, 1.0, 0.8), [round(1.2 * m), m, m], 0, segment)
@@ -78,7 +79,7 @@ def create_bodies(n):
 
 
 def iron(bodies, arguments, p):
-    """A row of one contact."""
+    """Return the row of one contact."""
     forms, u, bcs, surfaces, (moved, _) = zip(*bodies, strict=True)
     for each in u:
         each.x.array[:] = 0
@@ -108,7 +109,7 @@ def iron(bodies, arguments, p):
 
 
 def rows_of(cells, p):
-    """A row of each contact, with slabs of that many cells."""
+    """Return a row of each contact, for slabs with these numbers of cells."""
     bodies = create_bodies(cells)
     rows = [{"contact": c} | iron(bodies, CONTACTS[c], p) for c in CONTACTS]
     for row in rows:
@@ -126,7 +127,7 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--cells", nargs="+", type=int, default=[16, 32], help="across the slab")
+    add("--cells", nargs="+", type=int, default=[16, 32], help="cells across the slab")
     add("--steps", type=int, default=9)
     add(
         "--enforcement", choices=("penalty", "augmented-lagrangian"), default="augmented-lagrangian"

@@ -1,8 +1,9 @@
-"""Ironing in steps of parts of a facet to several facets, by small and by finite sliding.
+"""Compare small and finite sliding in ironing, for steps of a fraction of a facet to several.
 
 The demo's indenter (demos/ironing.py, friction 0.3, penalty) is dragged over --facets facets of the
-slab. For each kind of sliding, and way in a step: steps, Newton iterations in all and in a step of
-the slide, seconds, mean and oscillation of the force along, largest less smallest over mean.
+slab. Printed for each kind of sliding and each displacement per step: number of steps, Newton
+iterations in all and per step of the slide, seconds, mean and oscillation of the tangential force
+(largest less smallest over mean).
 
     python3 bench/ironing_steps.py --plot ironing_sliding.png
 """
@@ -19,12 +20,12 @@ import ironing
 import numpy as np
 from machine import circumstances, write
 
-#: Facets a step of the slide, by kind of sliding.
+#: Facets per step of the slide, by kind of sliding.
 WAYS = {"small": (0.14, 0.25, 0.45), "finite": (0.14, 0.5, 1.0, 3.0, 6.0)}
 
 
 def run(sliding, way, facets):
-    """One ironing as a row, and the force over the slide in its plateau."""
+    """Return one ironing run as a row, and the force over the slide in its plateau."""
     steps = ironing.PRESSING + round((facets + ironing.RUN_IN) / way)
     p = ironing.Parameters(sliding=sliding, steps=steps, facets=facets)
     start, iterations = time.perf_counter(), []
@@ -50,7 +51,7 @@ def run(sliding, way, facets):
 
 
 def plot(rows, filename):
-    """Force along over the slide, one panel for each kind of sliding."""
+    """Draw the tangential force over the slide, one panel for each kind of sliding."""
     import matplotlib as mpl
 
     mpl.use("Agg")

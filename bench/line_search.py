@@ -1,9 +1,9 @@
 """Newton iterations of unilateral contact with PETSc's line searches: why full steps are default.
 
 A curved punch (slave, coarser) comes down on a block, by a displacement or a pressure of its top,
-with and without a gap before, at a moderate and a very stiff penalty. Printed are the iterations
-until convergence for each line search, without the second attempt that ContactProblem makes after a
-failure; "-" where there is no convergence in 50 iterations.
+with and without an initial gap, with a moderate and a very stiff penalty. Printed are the
+iterations until convergence for each line search, without the second attempt that ContactProblem
+makes after a failure; "-" means no convergence in 50 iterations.
 
     python3 bench/line_search.py
 """
@@ -26,7 +26,7 @@ SEARCHES = ("basic", "l2", "bt", "cp")
 
 
 class Body:
-    """Elastic body in plane strain, a rectangle between two corners."""
+    """Make an elastic body in plane strain, a rectangle between two corners."""
 
     def __init__(self, cells, low, high):
         quadrilateral = mesh.CellType.quadrilateral
@@ -50,7 +50,7 @@ class Body:
 
 
 def iterations(formulation, penalty, load, gap, search):
-    """Iterations to convergence, or None."""
+    """Return the iterations until convergence, or None."""
     block, punch = Body([60, 20], [-4, -4], [4, 0]), Body([30, 10], [-3, 0], [3, 3])
     bottom, top = punch.facets(0.0), punch.facets(3.0)
     x = punch.mesh.geometry.x
@@ -79,7 +79,7 @@ def iterations(formulation, penalty, load, gap, search):
         [b.u for b in bodies],
         [contact],
         [[block.clamp(block.facets(-4.0), [0, 0])], [condition]],
-        # Naming a line search, be it the default one, leaves out the second attempt.
+        # Naming any line search, even the default one, prevents the second attempt.
         petsc_options={"snes_linesearch_type": search, "snes_max_it": 50},
     )
     try:

@@ -1,4 +1,4 @@
-"""What a figure was measured on and with, and files of results."""
+"""Record the machine and software of a measurement, and write files of results."""
 
 import datetime
 import json
@@ -10,7 +10,7 @@ import sys
 
 
 def cpu_model():
-    """As Linux has it."""
+    """Return the processor name from Linux."""
     try:
         lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -20,8 +20,8 @@ def cpu_model():
 
 
 def circumstances(ranks):
-    """Machine, versions, date, ranks and command."""
-    from petsc4py import PETSc  # starts MPI, which those who start mpirun themselves would mind
+    """Return machine, versions, date, ranks and command."""
+    from petsc4py import PETSc  # starts MPI, which must not happen in scripts that start mpirun
 
     import dolfinx
 
@@ -48,7 +48,7 @@ def circumstances(ranks):
 
 
 def write(filename, result, digits=6):
-    """Write JSON to be read: a line for each entry and each row of a table, and so many digits."""
+    """Write readable JSON: a line for each entry and each row of a table, with rounded numbers."""
 
     def text(value):
         if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -62,7 +62,7 @@ def write(filename, result, digits=6):
 
 
 def rounded(value, digits):
-    """Numbers with some digits, in lists and dictionaries as well."""
+    """Round numbers to some digits, also inside lists and dictionaries."""
     if isinstance(value, dict):
         return {key: rounded(inner, digits) for key, inner in value.items()}
     if isinstance(value, list | tuple):

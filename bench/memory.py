@@ -1,8 +1,8 @@
-"""Memory over re-pairings and time steps: what the process, its heap and PETSc hold.
+"""Measure memory over pair updates and time steps: of the process, its heap and PETSc.
 
-Two blocks pair again and again, with either quadrature and with friction; a viscous block on an
-elastic die is pressed in small steps. Memory is read after a tenth of the steps and at the end.
-Printed is the growth per step, the largest of any rank.
+Two blocks update their contact pairs again and again, with either quadrature and with friction; a
+viscous block on an elastic die is pressed in small steps. Memory is read after a tenth of the steps
+and at the end. Printed is the growth per step, the largest of all ranks.
 
     python3 bench/memory.py
     mpirun -n 2 python3 bench/memory.py --count 300
@@ -16,7 +16,7 @@ import sys
 
 import petsc4py
 
-petsc4py.init([sys.argv[0], "-malloc_debug"])  # PETSc counts what it allocates
+petsc4py.init([sys.argv[0], "-malloc_debug"])  # makes PETSc count its allocations
 
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
@@ -45,7 +45,7 @@ class Heap(ctypes.Structure):
 
 
 def usage():
-    """Bytes of the process in memory, of its heap in use, and of PETSc's objects."""
+    """Return bytes of the process in memory, of its heap in use, and of PETSc's objects."""
     gc.collect()
     PETSc.garbage_cleanup()
     resident = int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * PAGE
@@ -57,7 +57,7 @@ def usage():
 
 
 def growth(step, count):
-    """Growth per step in bytes after a tenth of the steps, the largest of all ranks. Collective."""
+    """Return the growth in bytes per step after a tenth of the steps, largest rank. Collective."""
     first = max(count // 10, 1)
     for _ in range(first):
         step()
@@ -68,7 +68,7 @@ def growth(step, count):
 
 
 def pairing(cell, **options):
-    """A step that moves a block along the other and pairs anew, there and back."""
+    """Return a step that moves a block along the other, there and back, and updates the pairs."""
     options = {"quadrature": "nodal", "enforcement": "penalty"} | options
     pair = Pair(cell, n=(8, 6), wave=0.02, contact_options=options)
     ways = [1e-3, -1e-3]
@@ -82,7 +82,7 @@ def pairing(cell, **options):
 
 
 def solving(cell):
-    """A step that pairs anew and solves, so that matrices are built again."""
+    """Return a step that updates the contact pairs and solves, so that matrices are built again."""
     options = {"quadrature": "nodal", "enforcement": "penalty"}
     pair = Pair(cell, n=(5, 4), contact_options=options)
     problem = pair.problem()
@@ -95,7 +95,7 @@ def solving(cell):
 
 
 def flowing():
-    """A step in time of a viscous block between a rigid plane and an elastic die."""
+    """Return a time step of a viscous block between a rigid plane and an elastic die."""
     scene = Upset(die=True, dt=1e-4, drive=None)
     stepper = qs.TimeStepper(
         scene.problem, 1e-4, lambda t, dt: setattr(scene.tool, "displacement", [0.0, -dt])

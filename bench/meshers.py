@@ -1,9 +1,9 @@
-"""New meshes of tetrahedra by gmsh, with our own surface mesher, and by MMG, where it is installed.
+"""Compare remeshing with tetrahedra by gmsh, with our surface mesher, and by MMG, if installed.
 
-A box, a ball and a deformed quarter of a cylinder get meshes of a given size. A row for each body
-and mesher: cells, shape of the worst cell and mean shape (1 at best), part of the edges' lengths
-that is between 0.7 and 1.4 of the size asked for, relative change of the volume before nodes are
-moved to restore it, and seconds, the least of --repeat.
+A box, a ball and a deformed quarter of a cylinder are remeshed with a given size. A row for each
+body and mesher: number of cells, shape of the worst cell and mean shape (1 at best), fraction of
+edge lengths between 0.7 and 1.4 of the requested size, relative change of the volume before nodes
+are moved to restore it, and seconds, the least of --repeat.
 
     python3 bench/meshers.py --json meshers.json
 """
@@ -32,12 +32,12 @@ from qsdolfinx.remeshing import mmg
 
 
 def box():
-    """1 by 2 by 3."""
+    """Make a box of 1 by 2 by 3."""
     return mesh.create_box(MPI.COMM_WORLD, [[0, 0, 0], [1, 2, 3]], [3, 6, 8])
 
 
 def ball():
-    """Of radius 1, from a cube of tetrahedra."""
+    """Make a ball of radius 1, from a cube of tetrahedra."""
     out = mesh.create_box(MPI.COMM_WORLD, [[-1, -1, -1], [1, 1, 1]], [8, 8, 8])
     x = out.geometry.x
     x *= (np.max(np.abs(x), axis=1) / np.maximum(np.linalg.norm(x, axis=1), 1e-300))[:, None]
@@ -45,7 +45,7 @@ def ball():
 
 
 def quarter():
-    """A quarter of a cylinder of radius 10 and height 15, with waves."""
+    """Make a quarter of a cylinder of radius 10 and height 15, with waves."""
     out = quarter_cylinder(MPI.COMM_WORLD, 10.0, 0.0, 15.0, 2.0)
     bump(out, 0.4, 15.0)
     return out
@@ -56,7 +56,7 @@ COLUMNS = "cells", "worst", "mean", "near_size", "unrestored", "seconds"
 
 
 def shapes(msh):
-    """Quality of each cell, 6√2 V over the cube of its edges' root mean square; and its edges."""
+    """Return the quality of cells, 6√2 V over the cube of the RMS edge length, and their edges."""
     p = msh.geometry.x[cell_nodes(msh)]
     a, b, c = (p[:, i] - p[:, 0] for i in (1, 2, 3))
     volume = np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
@@ -67,7 +67,7 @@ def shapes(msh):
 
 
 def row(name, mesher, repeat):
-    """One body and mesher."""
+    """Run one mesher on one body."""
     make, size = BODIES[name]
     seconds = []
     for _ in range(repeat):

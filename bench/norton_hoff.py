@@ -1,9 +1,9 @@
-"""Newton iterations of Norton-Hoff bodies between plates, for the rate sensitivity m.
+"""Newton iterations of Norton-Hoff bodies between plates, over the rate sensitivity m.
 
 A block, or a cylinder as the axisymmetric half-plane, of height 1 is pressed with the rate 1. The
-lower plate is a plane of symmetry; the upper one is frictionless (the flow is homogeneous) or
-sticks. Every case is solved from rest as by default and by SNES with PETSc's line searches,
-directly and by continuation in m. "-" is a failure; results that differ from those of continuation
+lower plate is a plane of symmetry; the upper plate is frictionless (homogeneous flow) or sticks.
+Every case is solved from rest with the default method and with PETSc's line searches in SNES,
+directly and by continuation in m. "-" is a failure. Results that differ from those of continuation
 with bt by more than 1e-8 are marked "*", and by more than 1e-3 "!".
 
     python3 bench/norton_hoff.py
@@ -27,7 +27,7 @@ SENSITIVITIES = (1.0, 0.5, 0.15, 0.05)
 
 
 def build(kind, cells, sticking, regularisation, search):
-    """The problem and its rate sensitivity, for now 1."""
+    """Return the problem and its rate sensitivity, initially 1."""
     if kind == "3D":
         msh = mesh.create_unit_cube(MPI.COMM_WORLD, *[cells] * 3)
     else:
@@ -53,7 +53,7 @@ def build(kind, cells, sticking, regularisation, search):
 
 
 def iterations(problem, m, target, continued, reference):
-    """Newton iterations from rest, marked if they fail or end elsewhere than the reference."""
+    """Return Newton iterations from rest, marked if they fail or do not reach the reference."""
     try:
         if continued:
             count = sum(n for _, n in qs.solve_with_continuation(problem, m, target))
@@ -70,7 +70,7 @@ def iterations(problem, m, target, continued, reference):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=8, help="along each edge; in 3D half of them")
+    parser.add_argument("--cells", type=int, default=8, help="cells along an edge; in 3D half")
     parser.add_argument("--regularisation", type=float, default=1e-3)
     args = parser.parse_args()
     head = "upper plate   body          m    "

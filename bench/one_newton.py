@@ -1,7 +1,8 @@
-"""Newton iterations of demos.
+"""Count the Newton iterations of demos.
 
-Printed are the iterations of each step in the median, at 90 % and at worst, their sum, all attempts
-and pairings anew included, and the steps that were cut back; the last line has those of all scenes.
+Printed are the iterations of each step in the median, at 90 % and at worst, and their sum, all
+attempts and repeated contact detections included, and the number of steps that were cut back; the
+last line has the totals of all scenes.
 
     python3 bench/one_newton.py [--scenes block roller …] [--constraints points]
 """
@@ -47,20 +48,20 @@ SCENES = {
 
 
 class Counted:
-    """Counts the iterations of all solves of problems that are made meanwhile.
+    """Counts the iterations of all solves of problems that are made inside the block.
 
     Args:
-        constraints: Of contacts on the overlay in small sliding that name none; or None.
+        constraints: Constraints of overlay contacts in small sliding that do not name any; or None.
     """
 
     def __init__(self, constraints):
         self.constraints = constraints
-        #: Iterations of each step or solve, of attempts that failed.
+        #: Iterations of each step or solve, including those of failed attempts.
         self.steps, self.cutbacks, self._within = [], 0, None
 
     @contextlib.contextmanager
     def counting(self):
-        """All solves inside the block are counted."""
+        """Count all solves inside the block."""
         solve, step, make = qs.ContactProblem.solve, qs.TimeStepper.step, qs.Contact.__init__
 
         def counted(problem, *args):
@@ -98,7 +99,7 @@ class Counted:
 
 
 def run(arguments, constraints):
-    """A demo; what was counted, how it ended, and seconds."""
+    """Run a demo; return the counts, how it ended, and seconds."""
     script, began = DEMOS / arguments[0], time.perf_counter()
     kept, sys.argv = sys.argv, [str(script), *arguments[1:]]
     sys.path.insert(0, str(DEMOS))
@@ -116,7 +117,7 @@ def run(arguments, constraints):
 
 
 def line(name, counted, end, seconds):
-    """A line of the table."""
+    """Return a line of the table."""
     steps = counted.steps or [0]
     found = f"{np.median(steps):.0f} | {np.percentile(steps, 90):.0f} | {max(steps)} | {sum(steps)}"
     return (

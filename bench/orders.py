@@ -1,12 +1,12 @@
-"""How results of time steps converge with Δt, and what pairings and cut-backs change of them.
+"""Convergence of time steps with Δt, and the influence of contact detection and cut-backs.
 
-A block is pressed and pushed sideways, along smooth ways, by a rigid cylinder, a tool of facets
-that turns, or an elastic body; with and without friction, or tied; in displacements (neo-Hookean)
-and in velocities (Newtonian). Printed for each scene, relative to their size:
+A block is pressed and pushed sideways, along smooth paths, by a rigid cylinder, a rotating tool of
+facets, or an elastic body; with and without friction, or tied; displacement-based (neo-Hookean) and
+velocity-based (Newtonian). Printed for each scene, as relative values:
 
-- the change of forces and of positions at the end when Δt is halved, and its order in Δt;
-- the difference that a second pairing in each step makes, ``num_pairings=2``, and its order;
-- the difference that cut-backs make, when every third step fails at first, and its order.
+- the change of final forces and positions when Δt is halved, and its order in Δt;
+- the difference made by a second contact detection in each step, ``num_pairings=2``, and its order;
+- the difference made by cut-backs, if every third step fails at first, and its order.
 
     python3 bench/orders.py [--scenes NAME …] [--steps 8 16 32 64]
 """
@@ -25,12 +25,12 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
-#: Size of cells, ways of the tool down and sideways, its turn (radians).
+#: Size of cells, displacements of the tool down and sideways, its rotation (radians).
 H, DOWN, SIDEWAYS, TURN = 1 / 8, 0.12, 0.3, 0.15
 
 
 class Scene(typing.NamedTuple):
-    """What presses on what, with which law and steps."""
+    """Bodies, contact law and kind of steps of a scene."""
 
     unknown: str = "displacement"
     master: str = "cylinder"
@@ -63,7 +63,7 @@ SCENES = {
 
 
 def body(corners, h, held, scene, rounded=False):
-    """A block with the surface at its other end, held at y = held by the value returned."""
+    """Make a block with its contact surface opposite y = held, which the returned value moves."""
     n = [round((b - a) / h) for a, b in zip(*corners, strict=True)]
     msh = mesh.create_rectangle(COMM, corners, n, mesh.CellType.quadrilateral)
     other = corners[0][1] + corners[1][1] - held
@@ -71,13 +71,13 @@ def body(corners, h, held, scene, rounded=False):
         mesh.locate_entities_boundary(msh, 1, lambda x, y=y: np.isclose(x[1], y))
         for y in (held, other)
     )
-    if rounded:  # so that no edge cuts into the other body
+    if rounded:  # so that no edge penetrates the other body
         x = msh.geometry.x
         x[:, 1] -= 0.4 * x[:, 1] * (x[:, 0] - 0.5) ** 2
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     law = qs.materials.linear_elastic if scene.unknown == "velocity" else qs.materials.neo_hookean
-    # With a velocity: a compressible fluid.
+    # With velocities: a compressible fluid.
     F = ufl.inner(law(u, 10.0, 0.3), ufl.grad(v)) * ufl.dx
     value = fem.Constant(msh, (0.0, 0.0))
     bc = fem.dirichletbc(value, fem.locate_dofs_topological(V, 1, at), V)
@@ -85,7 +85,7 @@ def body(corners, h, held, scene, rounded=False):
 
 
 def facets_tool():
-    """A slightly rounded tool of facets, whose lowest point is the origin."""
+    """Make a slightly rounded tool of facets, whose lowest point is the origin."""
     x = np.linspace(-1.5, 1.5, 61)
     x = np.stack((x, 0.08 * x**2), axis=1)
     i = np.arange(len(x) - 1)
@@ -93,19 +93,19 @@ def facets_tool():
 
 
 def way(t):
-    """Of the tool until t: down and sideways, and its turn, ever faster."""
+    """Return the tool's displacement until t, down and sideways, and its rotation; accelerated."""
     s = t * (1 + t) / 2
     return np.array((SIDEWAYS * s, -DOWN * s)), TURN * s
 
 
 class Run:
-    """A scene with so many steps of equal size.
+    """A scene with a number of steps of equal size.
 
     Args:
-        scene: Which.
-        steps: How many.
+        scene: The scene.
+        steps: Number of steps.
         failing: Whether every third step fails at first.
-        options: For the qs.TimeStepper.
+        options: Options of the qs.TimeStepper.
     """
 
     def __init__(self, scene, steps, failing=False, **options):
@@ -148,7 +148,7 @@ class Run:
         self.problem.destroy()
 
     def drive(self, t, dt):
-        """Move the tool, or the upper side of the upper body, to where it is at t."""
+        """Move the tool, or the upper side of the upper body, to its position at t."""
         (to, angle), (start, before) = way(t), way(t - dt)
         if self.tool is not None:
             self.tool.displacement = to - start
@@ -160,14 +160,14 @@ class Run:
             self.top.value[:] = to
 
     def solve(self, step):
-        """The problem, unless it is this step's turn to fail."""
+        """Solve the problem, or fail if it is the turn of this step to fail."""
         if self.failing and step % 3 == 1 and self.failed != step:
             self.failed = step
             raise qs.ConvergenceError(-5, [1.0], [])
         self.problem.solve()
 
     def positions(self):
-        """Of the lower block, integrals of its points' coordinates and of their products."""
+        """Return integrals of the coordinates of the lower block, and of their products."""
         u = self.problem.u[0]
         x = ufl.SpatialCoordinate(u.function_space.mesh)
         at = x if self.scene.unknown == "velocity" else x + u
@@ -176,12 +176,12 @@ class Run:
 
 
 def differences(first, second):
-    """Of forces and of positions, relative to their size."""
+    """Return the differences of forces and of positions, relative to their size."""
     return [np.linalg.norm(a - b) / np.linalg.norm(b) for a, b in zip(first, second, strict=True)]
 
 
 def line(text, rows):
-    """Differences of each number of steps, and their orders."""
+    """Return the differences for each number of steps, and their orders."""
     rows = np.array(rows)
     out = f"    {text:12s}"
     for name, column in zip(("force", "place"), rows.T, strict=True):

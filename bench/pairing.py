@@ -1,23 +1,27 @@
-"""Node-to-facet pairing beside libigl's and DOLFINx's trees: microseconds per node on one core.
+"""Compare contact detection with the trees of libigl and DOLFINx: microseconds per node, one core.
 
 The nodes of one wavy surface are projected onto the facets of another with 3/4 as many cells along
-an edge. In the same run, one after the other, the best of the repeats, in processor time, which
-counts all threads there may be:
+an edge. All methods run one after the other in the same run. The best of the repeats counts, in
+processor time of all threads:
 
-- update: all that `contact.update()` does: coordinates read anew, nodal areas and normals, search,
-  pairing points, the operator of the weighted gap;
-- pairing: of these the search and the pairing points (closest points, ties, normals, weights);
-- search: closest facets alone, the tree included: exact projection, ties, the test of normals;
-- libigl (if it can be imported): an AABB tree of the triangles, built and asked for the distances;
-- DOLFINx: bounding-box and midpoint trees, closest facet and its distance (GJK), which takes a
-  bilinear facet for the convex hull of its vertices; up to --dolfinx-limit nodes;
-- k-d tree (SciPy): the nearest vertex only, which is less than the others answer.
+- update: the whole `contact.update()`: coordinates, nodal areas and normals, search, contact
+  quadrature points, the operator of the weighted gap;
+- pairing: only the search and the contact quadrature points (closest points, equal distances,
+  normals, weights);
+- search: only the closest facets, including the tree: exact projection, equal distances, the test
+  of normals;
+- libigl (if it can be imported): an AABB tree of the triangles, built and queried for the
+  distances;
+- DOLFINx: bounding-box and midpoint trees, closest facet and its distance (GJK), which treats a
+  bilinear facet as the convex hull of its vertices; up to --dolfinx-limit nodes;
+- k-d tree (SciPy): only the nearest vertex, less than the other methods find.
 
-libigl knows triangles only. Columns a+b are seconds for building and asking a tree, per node.
-"agreement" is the largest difference of the closest distances, libigl's or else DOLFINx's, over
+libigl handles only triangles. Columns a+b are seconds for building and querying a tree, per node.
+"agreement" is the largest difference from the closest distances of libigl, or else of DOLFINx, over
 the size of the surface; nodes beside the surface have no partner here and are left out. Facets
-whose distances differ by less than 1e-10 of their size are ties here, so that any number of ranks
-takes the same one: that is what is left of the difference from libigl's.
+whose distances differ by less than 1e-10 of their size count as equally close here, so that the
+choice does not depend on the number of ranks. The remaining difference from libigl's distances has
+this cause.
 
     python3 bench/pairing.py --json pairing.json
 """
@@ -58,10 +62,10 @@ FACET = {"triangle": "tetrahedron", "quadrilateral": "hexahedron"}
 
 
 def wavy(n, facet, side, seed):
-    """Surface of n × n squares, or twice as many triangles, at a wavy height 0.
+    """Make a surface of n × n squares, or twice as many triangles, at a wavy height around 0.
 
-    Only the cells that the surface needs: a layer of hexahedra, or tetrahedra that all reach to one
-    point far below.
+    The mesh has only the cells that the surface needs: a layer of hexahedra, or tetrahedra that all
+    have one common point far below.
     """
     ticks = np.linspace(0, 1, n + 1)
     top = np.array(np.meshgrid(ticks, ticks, [0.0], indexing="ij")).reshape(3, -1).T
@@ -86,7 +90,7 @@ def wavy(n, facet, side, seed):
 
 
 def facets_of_top(msh, top):
-    """Facets all of whose vertices are on top."""
+    """Return the facets with all vertices on top."""
     msh.topology.create_entities(2)
     for dims in ((2, 0), (2, 3), (0, 3)):
         msh.topology.create_connectivity(*dims)
@@ -100,7 +104,7 @@ def facets_of_top(msh, top):
 
 
 class OurPairing:
-    """qsdolfinx: a contact that is updated, its pairing, and the search alone."""
+    """Return functions of qsdolfinx: update of a contact, its pairing, and the search alone."""
 
     def __init__(self, slave, master):
         self.contact = qs.Contact(
@@ -120,13 +124,13 @@ class OurPairing:
         self.found, self.closest = _cpp.closest_facets(slave, master, RADIUS)
 
     def distances(self):
-        """From all nodes; nan where one has no partner."""
+        """Return the distances of all nodes; nan for nodes without a partner."""
         out = np.linalg.norm(self.surfaces[0].node_x - self.closest, axis=1)
         return np.where(self.found, out, np.nan)
 
 
 class Libigl:
-    """libigl's tree of axis-aligned boxes of triangles."""
+    """Return functions of libigl: tree of axis-aligned boxes of triangles."""
 
     def __init__(self, slave, master):
         x = master.cpp_object.facet_x
@@ -148,7 +152,7 @@ class Libigl:
 
 
 class Dolfinx:
-    """DOLFINx's tree of axis-aligned boxes."""
+    """Return functions of DOLFINx: tree of axis-aligned boxes."""
 
     def __init__(self, slave, master):
         self.mesh, self.facets, self.nodes = master.mesh, master.facets, slave.node_x
@@ -168,7 +172,7 @@ class Dolfinx:
 
 
 class KdTree:
-    """SciPy's k-d tree of the vertices."""
+    """Return functions of SciPy: k-d tree of the vertices."""
 
     def __init__(self, slave, master):
         self.x, self.nodes = master.node_x, slave.node_x
@@ -181,7 +185,7 @@ class KdTree:
 
 
 def measure(facet, n, repeats, dolfinx_limit):
-    """Microseconds per node of every step of every method, and the agreement."""
+    """Return microseconds per node of every step of every method, and the agreement."""
     slave, master = wavy(n, facet, "slave", 0), wavy(max(2, 3 * n // 4), facet, "master", 1)
     nodes = len(slave.node_x)
     methods = {"qsdolfinx": OurPairing(slave, master)}
@@ -213,7 +217,7 @@ def measure(facet, n, repeats, dolfinx_limit):
 
 
 def line(facet, row):
-    """One row of the table."""
+    """Return one line of the table."""
 
     def tree(name):
         if name not in row:
@@ -246,7 +250,7 @@ def main():
     result = {"libigl": igl is not None, "rows": []}
     if igl is None:
         print("libigl is missing (python3 -m pip install libigl): its columns are empty")
-    print("µs per node, one core; libigl, DOLFINx, k-d tree: build + ask")
+    print("µs per node, one core; libigl, DOLFINx, k-d tree: build + query")
     print(
         f"{'facets':14}{'nodes':>9}{'update':>9}{'pairing':>9}{'search':>9}{'libigl':>13}"
         f"{'DOLFINx':>13}{'k-d tree':>13}{'igl/pairing':>13}{'agreement':>11}"

@@ -1,9 +1,10 @@
-"""Half rings that pass each other with sliding="finite": iterations, and what becomes of the work.
+"""Half rings that pass each other with sliding="finite": iterations and energy balance.
 
-The hub of a half ring is drawn over another one, both neo-Hookean, in steps of some facets. A row
-for each coefficient of friction and step: facets a step, steps, Newton iterations of all steps and
-of the worst; and the energy that is missing at the end, hub's work less what friction has taken,
-over that work, or without friction over the largest stored energy.
+The hub of a half ring is drawn over another half ring, both neo-Hookean, in steps of some facets. A
+row for each coefficient of friction and step length: facets per step, number of steps, Newton
+iterations of all steps and of the worst step; and the energy that is missing at the end: work of
+the hub less frictional dissipation, over that work, or without friction over the largest stored
+energy.
 
     python3 bench/passing.py
 """
@@ -18,12 +19,12 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
-#: Cells along a ring and across it, how far the rings overlap, and the hub's way.
+#: Cells along a ring and across it, overlap of the rings, and displacement of the hub.
 N, OVER, WAY = (30, 2), 0.3, 4.4
 
 
 def half_ring(start, center):
-    """Displacement, form and energy density; the rim as a surface, and the hub's condition."""
+    """Return displacement, form, energy density, the rim as a surface, and the hub's condition."""
     msh = mesh.create_rectangle(COMM, [[0, 0], [1, 1]], N, mesh.CellType.quadrilateral)
     x = msh.geometry.x
     rim, ends = (
@@ -41,7 +42,7 @@ def half_ring(start, center):
 
 
 def run(mu, facets):
-    """A row."""
+    """Return one row."""
     lower, upper = half_ring(0.0, (0.0, 0.0)), half_ring(np.pi, (-WAY / 2, 2 - OVER))
     contact = qs.Contact(
         upper[3],

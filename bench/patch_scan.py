@@ -1,4 +1,4 @@
-"""Quasi-symmetric over master-slave error of the patch test, over all pairs of mesh sizes.
+"""Ratio of quasi-symmetric to master-slave errors of the patch test, for all pairs of mesh sizes.
 
 For each cell type of the material (elastic: tetrahedra and hexahedra; Newtonian: triangles and
 tetrahedra), load and jitter, and both sides: the largest ratio of the mean errors and of the
@@ -27,7 +27,7 @@ CELLS = {"elastic": ("tetrahedron", "hexahedron"), "newtonian": ("triangle", "te
 
 
 def ratios(sizes, **parameters):
-    """Ratio of the errors, a row for each pair and side: master > slave, mean, maximum, side."""
+    """Return error ratios, a row for each pair and side: master > slave, mean, maximum, side."""
     rows = []
     for master, slave in itertools.product(sizes, sizes):
         quasi, ms = (

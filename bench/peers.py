@@ -1,12 +1,12 @@
-"""The same contact job through qsdolfinx, asimov-contact, CalculiX, Kratos and NGSolve, in one run.
+"""Run the same contact job in qsdolfinx, asimov-contact, CalculiX, Kratos and NGSolve.
 
-Two unit cubes of hexahedra whose meshes do not match, pressed together by a displacement; or with
---job hertz a sphere on a block: see bench/peers/README.md for what is compared. Printed for each
+Two unit cubes of non-matching hexahedra are pressed together by a displacement, or with --job hertz
+a sphere is pressed on a block; bench/peers/README.md describes the comparison. Printed for each
 program: CPU seconds (user and system, of the process and its children), wall seconds, peak memory,
-Newton and Krylov iterations, and the total force; with --job hertz also its Hertz radius, the error
-of the pressure on both bodies against Hertz's solution, and the forces out of balance inside them.
-The programs run one after the other, each in a process of its own on one core; of repeats the one
-with the fewest CPU seconds counts. A program that is not there is reported.
+Newton and Krylov iterations, and the total force; with --job hertz also the Hertz radius of the
+force, the error of the pressure on both bodies against Hertz's solution, and the unbalanced forces
+inside them. The programs run one after the other, each in a separate process on one core; of
+several repeats, the one with the fewest CPU seconds counts. Missing programs are reported.
 
     scripts/with-dolfinx python3 bench/peers.py --install FOLDER --sizes 22,18 35,28 --json FILE
     scripts/with-dolfinx python3 bench/peers.py --peers ours calculix --factor 1000
@@ -35,13 +35,13 @@ import install
 import jobs
 from machine import cpu_model, write
 
-#: Where the drivers are.
+#: Folder of the drivers.
 HERE = pathlib.Path(__file__).resolve().parent / "peers"
 
-#: Cells along an edge, LOWER,UPPER, of each job, and of a trial.
+#: Cells along an edge, LOWER,UPPER, of each job, and of a trial run.
 SIZES = {"cubes": ["22,18", "35,28"], "hertz": ["13,10", "20,16", "27,21"]}
 TRIAL = {"cubes": (3, 2), "hertz": (7, 5)}
-#: What is run of each program: name, arguments of its driver, and whether it takes the penalty.
+#: Runs of each program: name, arguments of its driver, and whether it takes the penalty.
 RUNS = {
     "ours": [
         ("overlay, augmented", ["--quadrature", "overlay"], False),
@@ -79,14 +79,14 @@ RUNS = {
         ("sparse Cholesky", ["--linear", "sparsecholesky"], True),
     ],
 }
-#: Direct solvers, only with --direct.
+#: Runs with direct solvers, only with --direct.
 DIRECT = "MUMPS", "SPOOLES", "PaStiX", "ALM, sparse LU", "sparse Cholesky"
-#: The run that leaves no gap, beside which forces are put.
+#: The run without a remaining gap, the reference for forces.
 REFERENCE = "overlay, augmented"
 
 
 def command(name, how):
-    """What starts a program's driver."""
+    """Return the command that starts a program's driver."""
     if name == "ours":
         return [sys.executable, HERE / "ours.py"]
     if name == "calculix":
@@ -97,14 +97,14 @@ def command(name, how):
 
 
 def environment(name, how):
-    """That of a program's driver: our own where it needs our DOLFINx; one thread."""
+    """Return a driver's environment: ours if it needs our DOLFINx; one thread."""
     if name in ("ours", "asimov"):
         return install.with_path(how)
     return install.environment()
 
 
 def measure(arguments, environ, limit):
-    """Run a driver; its row, or the reason why there is none."""
+    """Run a driver; return its row, or the reason why there is none."""
     start = time.perf_counter()
     with subprocess.Popen(
         [str(a) for a in ("timeout", limit, *arguments)],
@@ -134,7 +134,7 @@ def measure(arguments, environ, limit):
 
 
 def machine():
-    """What the numbers were measured on."""
+    """Return the machine and versions of the measurement."""
     return {
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
@@ -145,7 +145,7 @@ def machine():
 
 
 def solve(call, environ, sizes, p):
-    """Row of one program and one pair of meshes, with the errors if there is an exact solution."""
+    """Return the row of one program and one pair of meshes; errors if the solution is known."""
     call = [*call, "--job", p.job, "--sizes", ",".join(map(str, sizes))]
     if p.job == "cubes":
         return measure(call, environ, p.timeout)
@@ -161,7 +161,7 @@ def solve(call, environ, sizes, p):
 
 
 def columns(row, exact):
-    """Force and error: of the job "cubes" the force beside the one that leaves no gap."""
+    """Format force and error; of the job "cubes" the force relative to the run without a gap."""
     if "l2_lower" in row:
         errors = (f"{100 * row[f'l2_{name}']:9.2f}" for name in ("lower", "upper"))
         balance = max(row["unbalanced_lower"], row["unbalanced_upper"])
@@ -197,7 +197,7 @@ def show(rows, sizes, job):
 
 
 def best(runs):
-    """The run with the fewest CPU seconds; a failure only if all failed."""
+    """Return the run with the fewest CPU seconds; a failure only if all failed."""
     return min(runs, key=lambda row: row.get("cpu", float("inf")))
 
 
@@ -209,14 +209,14 @@ def parse():
     add("--job", choices=tuple(SIZES), default="cubes")
     add("--sizes", nargs="+", help="cells along an edge, LOWER,UPPER")
     add("--peers", nargs="+", choices=tuple(RUNS), default=tuple(RUNS))
-    add("--install", metavar="FOLDER", help="take them from here; install what is missing")
-    add("--python", help="interpreter for Kratos and NGSolve; by default the one that runs this")
-    add("--asimov-source", metavar="FOLDER", help="source of asimov-contact; otherwise cloned")
-    add("--factor", type=float, default=10.0, help="penalty over E/h, where there is one")
-    add("--rtol", type=float, default=1e-6, help="residual at which Newton ends, with a penalty")
-    add("--direct", action="store_true", help="direct solvers of the others as well")
+    add("--install", metavar="FOLDER", help="folder of the programs; missing ones are installed")
+    add("--python", help="interpreter for Kratos and NGSolve; default: this one")
+    add("--asimov-source", metavar="FOLDER", help="source of asimov-contact; default: clone it")
+    add("--factor", type=float, default=10.0, help="penalty over E/h, for penalty contact")
+    add("--rtol", type=float, default=1e-6, help="Newton tolerance, with a penalty")
+    add("--direct", action="store_true", help="also with direct solvers")
     add("--repeats", type=int, default=1)
-    add("--timeout", type=int, default=3600, help="seconds for one run")
+    add("--timeout", type=int, default=3600, help="time limit of one run, s")
     add("--json", metavar="FILE")
     p = parser.parse_args()
     p.sizes = [tuple(int(n) for n in sizes.split(",")) for sizes in p.sizes or SIZES[p.job]]
@@ -241,8 +241,8 @@ def main():
             if takes_penalty:
                 call += ["--factor", p.factor]
             if (takes_penalty and name != "calculix") or name == "asimov":
-                call += ["--rtol", p.rtol]  # CalculiX has a rule of its own
-            # A tiny job first: forms are compiled, and what cannot run at all is found out.
+                call += ["--rtol", p.rtol]  # CalculiX has its own stopping criterion
+            # A tiny job first: it compiles forms, and finds programs that cannot run at all.
             trial = solve(call, environ, TRIAL[p.job], p)
             versions[name] = trial.get("version", versions.get(name))
             runners.append((name, run, call, environ, trial))

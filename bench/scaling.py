@@ -1,18 +1,20 @@
-"""How time and memory grow with the number of unknowns and ranks, beside a body without contact.
+"""Growth of time and memory with unknowns and ranks, compared with a body without contact.
 
 Two cubes of one material (nu 0.3) on non-matching meshes, n and 4n/5 cells along an edge of the
-lower and of the upper one, are pressed together by 1 %: unilateral or tied, quasi-symmetric contact
-with an augmented Lagrangian, solved by "amg". Beside it one matching body of as many unknowns,
-assembled and solved by DOLFINx and PETSc alone, with the options of the same preset, and to the
-same accuracy: a residual below 1e-9 of the reactions, which a run before tells ("residual").
+lower and of the upper cube, are pressed together by 1 %: unilateral or tied, quasi-symmetric
+contact with an augmented Lagrangian, solved by "amg". The reference is one matching body of as many
+unknowns, assembled and solved by DOLFINx and PETSc alone, with the options of the same preset and
+to the same accuracy: a residual below 1e-9 of the reactions, which are taken from a previous run
+("residual").
 
-Each row is a process of its own, or as many as there are ranks. Seconds are those of the wall, of
-the slowest rank, from the meshes in hand to the solution, forms compiled before. MiB is the sum
-over ranks of the largest resident set. "ratio" divides seconds and memory by the bonded body's.
-"its" are Krylov iterations of all Newton steps; "fixed" is the most that one of them takes to 1e-8,
-from a run of its own with that tolerance. "contact" is the share of pairing, gap, insertion and
-conversion in the seconds. --partition: cells are on ranks as DOLFINx's partitioner of their graph
-puts them; cut across the contact by qs.repartition; or cut along it, all contact on one rank.
+Each row comes from a separate process, or from as many processes as there are ranks. Seconds are
+wall-clock seconds of the slowest rank, from the given meshes to the solution; forms are compiled
+before. MiB is the sum over ranks of the largest resident set. "ratio" divides seconds and memory by
+those of the bonded body. "its" are Krylov iterations of all Newton steps; "fixed" is the largest
+number of iterations of a linear solve to 1e-8, from a separate run with that tolerance. "contact"
+is the fraction of the seconds in contact detection, gap, insertion and conversion. --partition
+selects the distribution of cells over ranks: DOLFINx's partition of the cell graph; a partition cut
+across the contact by qs.repartition; or one cut along it, with all contact on one rank.
 
     python3 bench/scaling.py --cells 13 26 40 60 --ranks 1 2 --json bench/results/scaling.json
 """
@@ -36,7 +38,7 @@ PARTITIONS = ("graph", "across", "along")
 
 
 def run(model, options):
-    """Row of one process or of the ranks that mpirun has started."""
+    """Return the row of one process, or of the ranks that mpirun has started."""
     from mpi4py import MPI
 
     from scaling_scene import measure
@@ -47,7 +49,7 @@ def run(model, options):
 
 
 def start(model, cells, ranks, p, exact=False):
-    """Row of a new process, or None where it fails."""
+    """Return the row of a new process, or None if it fails."""
     command = [sys.executable, __file__, "--run", model, "--cells", str(cells), "--cell", p.cell]
     command += ["--quadrature", p.quadrature, "--enforcement", p.enforcement]
     command += ["--partition", p.partition]
@@ -66,7 +68,7 @@ def start(model, cells, ranks, p, exact=False):
 
 
 def rows_of(cells, ranks, p):
-    """Rows of all models at one size."""
+    """Return the rows of all models at one size."""
     rows = []
     for model in p.models:
         row = start(model, cells, ranks, p)
@@ -96,7 +98,7 @@ def head():
 
 
 def line(r):
-    """One row of the table."""
+    """Return one line of the table."""
 
     def number(key, form):
         return format(r[key], form) if r.get(key) is not None else " " * int(form.split(".")[0])
@@ -115,7 +117,7 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--cells", type=int, nargs="+", default=(13, 26, 40, 60), help="of the lower cube")
+    add("--cells", type=int, nargs="+", default=(13, 26, 40, 60), help="along an edge, lower cube")
     add("--ranks", type=int, nargs="+", default=(1, 2))
     add("--cell", choices=("hexahedron", "tetrahedron"), default="hexahedron")
     add("--models", nargs="+", choices=MODELS, default=MODELS)
@@ -146,7 +148,7 @@ def main():
 
 
 def speed_up(rows, cells, p):
-    """Seconds of the first number of ranks over those of the last, for each stage."""
+    """Return the speed-up between the first and the last number of ranks, for each stage."""
     if len(p.ranks) < 2:
         return
     for model in p.models:

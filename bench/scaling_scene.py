@@ -1,4 +1,4 @@
-"""The scenes of bench/scaling.py, measured in the processes that it starts."""
+"""Measure the scenes of bench/scaling.py in the processes that it starts."""
 
 import resource
 import time
@@ -21,23 +21,23 @@ COMM = MPI.COMM_WORLD
 E = 1e4
 
 
-#: Directions to cut across; None for DOLFINx's own partition.
+#: Directions of the cuts of a partition; None for DOLFINx's own partition.
 CUTS = {"graph": None, "across": np.eye(3)[:2], "along": np.eye(3)[2:]}
 
 
 def create(p, n, low, high):
-    """Mesh of a box, on the ranks that --partition says."""
+    """Make the mesh of a box, partitioned as --partition requests."""
     msh, directions = box(p.cell, n, low, high), CUTS[p.partition]
     return msh if directions is None else qs.repartition(msh, directions)[0]
 
 
 def bonded_cells(unknowns):
-    """Cells along x of the matching body that has about as many unknowns."""
+    """Return the cells along x of the matching body that has about as many unknowns."""
     return min(range(2, 400), key=lambda m: abs(3 * (m + 1) ** 2 * (2 * m + 1) - unknowns))
 
 
 def measure(model, p):
-    """Row for the model with p.cells cells along an edge of the lower cube."""
+    """Return the row of the model with p.cells cells along an edge of the lower cube."""
     n = p.cells, round(0.8 * p.cells)
     unknowns = sum(3 * (k + 1) ** 3 for k in n)
     warm_up(p)
@@ -60,18 +60,18 @@ def largest(value):
 
 
 def bonded_row(n, p):
-    """One body, as exactly solved as the bodies in contact: a first run tells the reactions."""
+    """Solve one body as exactly as the bodies in contact; a first run gives the reactions."""
     tolerance = SNES_OPTIONS["snes_rtol"] * bonded(n, p)["reactions"]
     return bonded(n, p, tolerance)
 
 
 def bonded(n, p, tolerance=None):
-    """One body of DOLFINx, by PETSc's linear solver.
+    """Solve one body with DOLFINx, by PETSc's linear solver.
 
     Args:
-        n: Cells along x.
+        n: Number of cells along x.
         p: Options.
-        tolerance: Norm of the residual; None for a part of the right-hand side's.
+        tolerance: Norm of the residual; None for a fraction of the right-hand side's norm.
     """
     msh = create(p, n, 0.0, 2.0)
     COMM.barrier()
@@ -90,7 +90,7 @@ def bonded(n, p, tolerance=None):
     b.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
     assembly = time.perf_counter() - before
     for bc in bcs:
-        dofs = bc.dof_indices()[0]  # DOLFINx 0.9 may count more of them as owned than are
+        dofs = bc.dof_indices()[0]  # DOLFINx 0.9 may count too many of them as owned
         b.array[dofs[dofs < b.local_size]] = 0
     x, coordinates = A.createVecs()
     coordinates.setBlockSize(3)
@@ -130,7 +130,7 @@ def bonded(n, p, tolerance=None):
 
 
 def forces(F, bcs):
-    """Norms of a form's vector without and within the rows of Dirichlet conditions."""
+    """Return norms of a form's vector without and within the rows of Dirichlet conditions."""
     b = fem_petsc.assemble_vector(fem.form(F))
     b.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
     held = np.zeros(b.local_size, dtype=bool)
@@ -143,7 +143,7 @@ def forces(F, bcs):
 
 
 def solver(A):
-    """CG with the multigrid of the preset "amg", for a matrix."""
+    """Make CG with the multigrid of the preset "amg", for a matrix."""
     ksp = PETSc.KSP().create(COMM)
     ksp.setOptionsPrefix("bonded_")
     database = PETSc.Options("bonded_")
@@ -156,7 +156,7 @@ def solver(A):
 
 
 def contact(model, n, p):
-    """Two bodies."""
+    """Solve two bodies in contact."""
     meshes = [create(p, count, float(i), i + 1.0) for i, count in enumerate(n)]
     COMM.barrier()
     start, busy = time.perf_counter(), time.process_time()
@@ -191,7 +191,7 @@ def contact(model, n, p):
 
 
 class Count:
-    """Iterations of each linear solve."""
+    """Return the iterations of each linear solve."""
 
     def __init__(self, ksp):
         self.iterations = []

@@ -1,10 +1,10 @@
-"""Contact that follows the bodies beside contact that stays as it was paired.
+"""Compare contact with updated geometry (finite sliding) with small sliding.
 
 A neo-Hookean cube is pressed on a larger one and pushed along it by --slide facets in one solve, of
 hexahedra, on one rank. A row for each enforcement and kind of sliding: Newton and Krylov iterations
-of the solve, updates of multipliers, seconds, and the share of contact in them (gap and insertion,
-what is cut anew at each evaluation included), and time of contact for a Newton iteration and
-a pair of facets that are cut.
+of the solve, multiplier updates, seconds, the fraction of contact in them (gap and insertion,
+including the segmentation at each evaluation), and the time of contact per Newton iteration and
+pair of intersecting facets.
 
     python3 bench/sliding.py --cells 16 --json sliding.json
     python3 bench/sliding.py --cells 40 --enforcement penalty
@@ -31,7 +31,7 @@ COLUMNS = "unknowns", "newton", "krylov", "updates", "seconds", "share", "us_per
 
 
 def cube(corners, n, E, fixed, touching):
-    """Unknown, form, condition on the face z = fixed and its value, contact surface."""
+    """Return unknown, form, condition on the face z = fixed and its value, contact surface."""
     msh = mesh.create_box(MPI.COMM_WORLD, corners, [n, n, n], mesh.CellType.hexahedron)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, lame = fem.Function(V), (E / 2.6, E * 0.3 / (1.3 * 0.4))
@@ -47,7 +47,7 @@ def cube(corners, n, E, fixed, touching):
 
 
 def solve(p, sliding, enforcement):
-    """One solve as a row."""
+    """Return one solve as a row."""
     size = 0.8 / p.cells
     lower = cube([(0, 0, 0), (1.2, 1.2, 1)], round(1.25 * p.cells), 1e3, 0, 1)
     upper = cube([(0.1, 0.1, 1), (0.9, 0.9, 1.8)], p.cells, 5e2, 1.8, 1)
@@ -89,8 +89,8 @@ def main():
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--cells", nargs="+", type=int, default=[16], help="of the upper cube along an edge")
-    add("--slide", type=float, default=1.0, help="facets of the upper cube")
+    add("--cells", nargs="+", type=int, default=[16], help="cells along an edge, upper cube")
+    add("--slide", type=float, default=1.0, help="slide, in facets of the upper cube")
     enforcements = ["penalty", "augmented-lagrangian"]
     add("--enforcement", nargs="+", choices=enforcements, default=enforcements)
     add("--solver", default="amg")

@@ -1,16 +1,16 @@
-"""Time of each linear solver, and of the one that ``solver="auto"`` takes, scene by scene.
+"""Measure each linear solver, and the solver chosen by ``solver="auto"``, scene by scene.
 
 Two elastic blocks on non-matching meshes, linear or neo-Hookean, of degree 1 or 2, or an elastic
 tool on a block in velocity and pressure (MINI elements), a Newtonian fluid or a Norton-Hoff body of
-m = 0.3, are pressed together, with and without friction: from forms to closed gaps, contact as it
-is by default. Printed are CPU seconds of all ranks with each solver, what "auto" has picked, and
-its time over the best one's. A solver is left out of larger problems when a smaller one of its
-scene took more than ``--longest`` seconds.
+m = 0.3, are pressed together, with and without friction: from forms to closed gaps, with the
+default options of contact. Printed are CPU seconds of all ranks with each solver, the choice of
+"auto", and its time over the time of the best solver. A solver is left out of larger problems when
+a smaller problem of its scene took more than ``--longest`` seconds.
 
     python3 bench/solvers.py [--dim 2 3] [--scenes linear …] [--cells 8 16 …] [--json FILE]
     mpirun -n 2 python3 bench/solvers.py
 
-With --page nothing is measured: the tables of docs/solvers.md are made of the --json files
+With --page nothing is measured: the tables of docs/solvers.md are made from the --json files
 bench/results/solvers_*.json.
 """
 
@@ -50,12 +50,12 @@ CELLS = {
 }
 SOLVERS = {"linear": ("direct", "amg"), "hyperelastic": ("direct", "amg")}
 SOLVERS["Newtonian"] = SOLVERS["Norton-Hoff"] = ("direct", "schur")
-#: Rate sensitivities of flow.
+#: Rate sensitivities of the flow.
 RATES = {"Newtonian": None, "Norton-Hoff": 0.3}
 
 
 class Case(typing.NamedTuple):
-    """A scene without its size."""
+    """Name a scene without its size."""
 
     scene: str
     dim: int
@@ -67,13 +67,13 @@ class Case(typing.NamedTuple):
         return kind + (", friction" if self.mu else "")
 
     def cells(self):
-        """Cells along an edge."""
+        """Return the cells along an edge."""
         scene = "flow" if self.scene in RATES else "linear"
         return [max(2, n // self.degree) for n in CELLS[scene, self.dim]]
 
 
 def elastic(case, n, solver):
-    """Two elastic blocks."""
+    """Make two elastic blocks."""
     cell = "triangle" if case.dim == 2 else "tetrahedron"
     meshes = box(cell, n, 0.0, 1.0), box(cell, max(1, 4 * n // 5), 1.0, 2.0)
     law = "neo_hookean" if case.scene == "hyperelastic" else "linear_elastic"
@@ -82,7 +82,7 @@ def elastic(case, n, solver):
         V = fem.functionspace(msh, ("Lagrange", case.degree, (case.dim,)))
         u, v = fem.Function(V), ufl.TestFunction(V)
         stress = getattr(qs.materials, law)(u, modulus, 0.3)
-        dx = ufl.dx(degree=2 * case.degree)  # what UFL estimates for ln J takes all the time
+        dx = ufl.dx(degree=2 * case.degree)  # UFL's estimate for ln J takes too long
         forms.append(ufl.inner(stress, ufl.grad(v)) * dx)
         us.append(u)
         bcs.append([clamp(V, 2.0 * i, i * PRESS)])
@@ -93,7 +93,7 @@ def elastic(case, n, solver):
 
 
 def measure(case, n, solver):
-    """CPU seconds of all ranks (None if it fails), unknowns, and the solver that was taken."""
+    """Return CPU seconds of all ranks (None if it fails), unknowns, and the solver in use."""
     COMM.barrier()
     start = time.process_time()
     if case.scene in RATES:
@@ -112,7 +112,7 @@ def measure(case, n, solver):
 
 
 def rows_of(case, longest, cells, repeats=1):
-    """A row for each size: unknowns, seconds of each solver and of "auto", and what that took."""
+    """Return a row for each size: unknowns, seconds of each solver and of "auto", its choice."""
     names = [*SOLVERS[case.scene], "auto"]
     left = set(names)
     for n in cells or case.cells():
@@ -131,12 +131,12 @@ def rows_of(case, longest, cells, repeats=1):
 
 
 def fewest(*seconds):
-    """The fewest seconds of runs that ended, None if none has."""
+    """Return the fewest seconds of runs that ended, None if none has ended."""
     return min((t for t in seconds if t is not None), default=None)
 
 
 def cells_of(row):
-    """Direct, iterative and auto's seconds, and auto over the best, as a row of a table."""
+    """Format seconds of direct, iterative and auto, and auto over the best, as a row of a table."""
     scene = row["case"].split()[0]
     times = [row.get(s) for s in (*SOLVERS[scene], "auto")]
     return [
@@ -147,10 +147,10 @@ def cells_of(row):
 
 
 def page(results):
-    """The tables of the page.
+    """Yield the tables of the page.
 
     Args:
-        results: What was written with --json.
+        results: Contents of the files written with --json.
     """
     for result in results:
         ranks, rows = result["ranks"], result["rows"]
@@ -172,7 +172,7 @@ def page(results):
 
 
 def rewritten(text):
-    """The text of the page with new tables below the mark."""
+    """Return the text of the page with new tables below the mark."""
     files = sorted((HERE / "results").glob("solvers_*.json"))
     results = [json.loads(f.read_text(encoding="utf-8")) for f in files]
     return text.partition(MARK)[0] + MARK + "\n".join(page(results)) + "\n"
@@ -186,10 +186,10 @@ def main():
     parser.add_argument("--scenes", nargs="+", choices=tuple(SOLVERS), default=tuple(SOLVERS))
     parser.add_argument("--degrees", type=int, nargs="+", choices=(1, 2), default=(1, 2))
     parser.add_argument("--mu", type=float, nargs="+", default=(0.0, MU))
-    parser.add_argument("--cells", type=int, nargs="+", help="along an edge, for all scenes")
-    parser.add_argument("--longest", type=float, default=40.0, help="CPU seconds")
-    parser.add_argument("--repeats", type=int, default=1, help="runs, of which the fastest counts")
-    parser.add_argument("--json", type=pathlib.Path, help="file for all rows")
+    parser.add_argument("--cells", type=int, nargs="+", help="cells along an edge, all scenes")
+    parser.add_argument("--longest", type=float, default=40.0, help="CPU time limit, s")
+    parser.add_argument("--repeats", type=int, default=1, help="runs; the fastest counts")
+    parser.add_argument("--json", type=pathlib.Path, help="output file of all rows")
     parser.add_argument("--page", action="store_true", help="write the tables of the page")
     p = parser.parse_args()
     if p.page:
@@ -205,11 +205,11 @@ def main():
         if scene in RATES and degree == 2:
             continue
         case = Case(scene, dim, degree, mu)
-        for name in SOLVERS[scene]:  # forms are compiled once
+        for name in SOLVERS[scene]:  # compile the forms first
             measure(case, 2, name)
         for row in rows_of(case, p.longest, p.cells, p.repeats):
             rows.append(row)
-            if p.json and COMM.rank == 0:  # each time, so that a run cut short leaves its rows
+            if p.json and COMM.rank == 0:  # each time, so that an interrupted run leaves its rows
                 write(p.json, {**circumstances(COMM.size), "rows": rows}, digits=3)
             shown = " | ".join(cells_of(row))
             say(f"| {row['case']} | {row['unknowns']:,} | {shown} |", flush=True)

@@ -1,10 +1,10 @@
-"""The scenes of bench/speed_vs_error.py: bodies that are there, their contact, and its error.
+"""Scenes of bench/speed_vs_error.py: given bodies, their contact, and its error.
 
-A scene is one mesh level of a case. ``prepare`` makes what all levels of a case share;
-``assemble`` makes contact and problem, and is timed with the solve that it returns. Penalties and
-tolerances are the library's, if nothing else is said: what a user gets.
+A scene is one mesh level of a case. ``prepare`` makes the data that all levels of a case share;
+``assemble`` makes contact and problem, and is timed together with the solve that it returns.
+Penalties and tolerances are the library's defaults unless stated otherwise: those that a user gets.
 
-Errors are relative. That of the traction, recovered from the contact forces at the nodes as
+Errors are relative. The error of the traction, recovered from the contact forces at the nodes as
 t_k = f_k / S_k, is in L2, (Σ S_k (t_k − t(x_k))² / Σ S_k t(x_k)²)^½, on each side.
 """
 
@@ -35,7 +35,7 @@ SIDES = ("slave", "master")
 
 
 class Kind(typing.NamedTuple):
-    """One choice of how contact is made."""
+    """Formulation, quadrature and enforcement of contact."""
 
     formulation: str
     quadrature: str
@@ -61,16 +61,16 @@ class Scene:
 
     @classmethod
     def prepare(cls, comm, levels):
-        """What the scenes of all levels need."""
+        """Make the data that the scenes of all levels need."""
 
     @staticmethod
     def describe(shared):
-        """Numbers on it for the page."""
+        """Return numbers about these data for the page."""
         return {}
 
 
 class Pair(Scene):
-    """Two bodies in displacements, the slave first."""
+    """Two displacement-based bodies, the slave first."""
 
     law: qs.Law = qs.Unilateral()
 
@@ -79,7 +79,7 @@ class Pair(Scene):
         self.bodies, self.surfaces = bodies, surfaces
 
     def assemble(self, kind):
-        """Contacts, problem, and a function that solves and returns Newton iterations."""
+        """Make contact and problem, and a function that solves and returns Newton iterations."""
         for body in self.bodies:
             body.u.x.array[:] = 0
         contact = qs.Contact(
@@ -127,7 +127,7 @@ class Patch(Pair):
 
 
 def relative_l2(comm, parts):
-    """Relative error in L2 of nodal values, given as (values, exact, areas). Collective."""
+    """Return the relative L2 error of nodal values, given as (values, exact, areas). Collective."""
     local = [[w @ (value - exact) ** 2, w @ exact**2] for value, exact, w in parts]
     squares = comm.allreduce(np.sum(local, axis=0))
     return float(np.sqrt(squares[0] / squares[1]))
@@ -204,14 +204,15 @@ class Upsetting(Pair):
 class Cubes(Pair):
     """Two cubes, E = 3e4 and 1.3e4, under a pressure of 200: 5·2ˡ and 4·2ˡ tetrahedra an edge.
 
-    The lower one is clamped, the top does not move sideways. Of the mean displacement of the top.
+    The lower one is clamped, the top does not move sideways. The error is that of the mean
+    displacement of the top.
     """
 
     title = "Two cubes, mean displacement"
     levels = (0, 1, 2)
     errors_of = ("displacement",)
     moduli, pressure = (3e4, 1.3e4), 200.0
-    #: Cells an edge of the reference's matching meshes, of degree 2.
+    #: Cells along an edge of the reference's matching meshes, of degree 2.
     finest = 10
 
     def __init__(self, comm, level, shared, n=None, degree=1):
@@ -242,7 +243,7 @@ class Cubes(Pair):
 
     @classmethod
     def prepare(cls, comm, levels):
-        """The mean displacement on matching meshes of degree 2."""
+        """Return the mean displacement on matching meshes of degree 2."""
         scene = cls(comm, 0, None, n=(cls.finest, cls.finest), degree=2)
         *_, problem, solve = scene.assemble(
             Kind("quasi-symmetric", "overlay", "augmented-lagrangian")
@@ -257,7 +258,7 @@ class Cubes(Pair):
         return {"mean displacement": shared}
 
     def displacement(self):
-        """Mean of the top's, downwards. Collective."""
+        """Return the mean downward displacement of the top. Collective."""
         comm = self.bodies[0].V.mesh.comm
         return float(comm.allreduce(fem.assemble_scalar(self.mean)))
 
@@ -266,7 +267,7 @@ class Cubes(Pair):
 
 
 class Profile(typing.NamedTuple):
-    """Pressure over the radius: coefficients of 1, r², r⁴, and what is to be said of it."""
+    """Pressure over the radius: coefficients of 1, r², r⁴, and numbers about the fit."""
 
     fit: np.ndarray
     numbers: dict[str, float]
@@ -277,9 +278,9 @@ class Forging(Scene):
 
     title = "Forging"
     refinement, reduction, num_steps = 2.0, 0.1, 2
-    #: Kind of contact that the reference is computed with, one level finer than the finest.
+    #: Kind of contact of the reference, one level finer than the finest level.
     reference = Kind("quasi-symmetric", "overlay", "augmented-lagrangian")
-    #: Part of the workpiece's first radius within which tractions are compared.
+    #: Fraction of the workpiece's initial radius within which tractions are compared.
     inner = 0.7
 
     def __init__(self, comm, level, shared):
@@ -292,9 +293,9 @@ class Forging(Scene):
 
     @classmethod
     def prepare(cls, comm, levels):
-        """Coefficients of the pressure over the radius, and how far it is from nodes' and theory's.
+        """Fit the pressure over the radius; compare the fit with nodal values and with theory.
 
-        The closed form is that of rigid dies, under which the pressure is uniform.
+        The closed form is for rigid dies, under which the pressure is uniform.
         """
         scene = cls(comm, max(levels) + 1, None)
         contacts, problem, solve = scene.assemble(cls.reference)
@@ -319,7 +320,7 @@ class Forging(Scene):
         return shared.numbers
 
     def assemble(self, kind):
-        """Contacts, problem, and a function that makes all steps from the first state."""
+        """Make contacts and problem, and a function that makes all steps from the first state."""
         for u, x in zip(self.unknowns, self.start, strict=True):
             u.x.array[:] = 0
             u.function_space.mesh.geometry.x[:] = x
@@ -327,13 +328,13 @@ class Forging(Scene):
             surface.update()
         p = forging.Parameters(**kind._asdict(), reduction=self.reduction, num_steps=self.num_steps)
         *_, contacts, problem, stepper = forging.assemble(p, self.h, self.work, self.dies)
-        # One cut-back is allowed: what does not come with half the step does not come at all.
+        # Only one cut-back is allowed: if half the step fails, smaller steps fail as well.
         stepper.dt_min = 0.4 * stepper.dt
         end = self.reduction * forging.HEIGHT / forging.SPEED
         return contacts, problem, lambda: sum(stepper.num_iterations for _ in stepper.run(end))
 
     def samples(self, contacts, side):
-        """1, r², r⁴ at the inner nodes this rank owns, pressure and area there, per contact."""
+        """Return 1, r², r⁴ at this rank's inner nodes, and pressure and area there, per contact."""
         for contact in contacts:
             surface = getattr(contact, side)
             r2 = np.sum(surface.node_x[:, :2] ** 2, axis=1)

@@ -1,13 +1,13 @@
-"""Speed against error: formulations, quadratures and enforcements on four mesh levels.
+"""Speed and error of formulations, quadratures and enforcements on four mesh levels.
 
-The cases are in speed_scenes.py. Measured are CPU seconds of all ranks, from the bodies in hand to
+The cases are in speed_scenes.py. Measured are CPU seconds of all ranks, from the given bodies to
 the solution: contact and problem are made, and the problem is solved, or all steps are made. Meshes
-and errors are not in it. The least of up to --repeats runs counts, in which the kinds of contact
-take turns; a kind is not run again that took ten seconds. Writes a summary speed_vs_error_CASE.json
+and errors are not included. The least of up to --repeats runs counts, in which the kinds of contact
+alternate; a kind that took ten seconds is not run again. Writes a summary speed_vs_error_CASE.json
 to --json-dir.
 
-With --page nothing is measured: the tables of docs/speed-vs-error.md and the figures are made of
-the summaries. What the page advises, above its tables, is written by hand: read it again then.
+With --page nothing is measured: the tables of docs/speed-vs-error.md and the figures are made from
+the summaries. The advice of the page, above its tables, is written by hand: read it again then.
 
     python3 bench/speed_vs_error.py
     mpirun -n 2 python3 bench/speed_vs_error.py --cases patch hertz2d --levels 0 1 2 --repeats 1
@@ -37,39 +37,39 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 RESULTS, DOCS = ROOT / "bench" / "results", ROOT / "docs"
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
-#: All but double-pass with an augmented Lagrangian, which cannot close every gap.
+#: All combinations but double-pass with an augmented Lagrangian, which cannot close every gap.
 KINDS = [
     Kind(*kind)
     for kind in itertools.product(FORMULATIONS, ("nodal", "overlay"), ENFORCEMENTS)
     if kind[::2] != ("double-pass", "augmented-lagrangian")
 ]
-#: The kind beside which the others are put.
+#: The reference kind.
 BASE = Kind("quasi-symmetric", "overlay", "penalty")
-#: Errors by what is wrong: the worst of some entries of a summary's rows.
+#: Errors by quantity: the worst of some entries of a summary's rows.
 MEASURES = {"displacement": ("displacement",), "energy norm": ("energy",), "traction": SIDES}
 #: CPU seconds after which a kind is not run again.
 LONG = 10.0
-#: Relative error below which a solution is as good as exact: multipliers are augmented to 1e-8.
+#: Relative error below which a solution counts as exact: multipliers are augmented to 1e-8.
 EXACT = 1e-8
 #: Lines of the page between which --page writes.
 BEGIN, END = "<!-- made by bench/speed_vs_error.py --page -->", "<!-- end -->"
 
 
 def kind_of(row):
-    """Of a row of a summary."""
+    """Return the kind of a row of a summary."""
     return Kind(*(row[field] for field in Kind._fields))
 
 
 def name(kind):
-    """Of a kind in words."""
+    """Return the name of a kind in words."""
     return " ".join(kind).replace("augmented-lagrangian", "AL")
 
 
-# --- Measuring
+# --- Measurement
 
 
 def run_once(scene, kind):
-    """Seconds, share of contact in them, and errors of one run; no errors without a solution."""
+    """Return seconds, fraction of contact in them, and errors of a run; no errors if it fails."""
     gc.collect()
     COMM.barrier()
     cpu, wall = time.process_time(), time.perf_counter()
@@ -81,7 +81,7 @@ def run_once(scene, kind):
         failure = str(error)
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     seconds = COMM.allreduce(cpu)
-    # The library's stopwatch tells wall time.
+    # The library's stopwatch measures wall time.
     in_contact = COMM.allreduce(sum(c.model.watch.total for c in contacts), op=MPI.MAX)
     share = min(in_contact / COMM.allreduce(wall, op=MPI.MAX), 1.0)
     errors = {} if failure else scene.errors(contacts)
@@ -92,7 +92,7 @@ def run_once(scene, kind):
 
 
 def fastest(scene, kinds, repeats):
-    """Of each kind the fastest run; they take turns, so that what else runs here hits them all."""
+    """Return the fastest run of each kind; kinds alternate, so that other load affects them all."""
     runs = {kind: [] for kind in kinds}
     for _ in range(repeats):
         for kind, rows in runs.items():
@@ -102,11 +102,11 @@ def fastest(scene, kinds, repeats):
 
 
 def measure(case, levels, repeats, kinds=KINDS):
-    """Summary of a case: a row for each kind, with lists over the levels."""
+    """Return the summary of a case: a row for each kind, with lists over the levels."""
     cls = CASES[case]
     shared = cls.prepare(COMM, levels)
     compiled = cls(COMM, min(levels), shared)
-    for quadrature in ("nodal", "overlay"):  # forms are compiled before anything is timed
+    for quadrature in ("nodal", "overlay"):  # forms are compiled before the timing
         run_once(compiled, BASE._replace(quadrature=quadrature))
     rows = [kind._asdict() for kind in kinds]
     h, unknowns = [], []
@@ -134,18 +134,18 @@ def measure(case, levels, repeats, kinds=KINDS):
 
 
 def worst(row, measure):
-    """Errors of all levels, the worse of the two sides; None without a solution."""
+    """Return the errors of all levels, the worse of the two sides; None without a solution."""
     levels = zip(*(row[key] for key in MEASURES[measure]), strict=True)
     return [None if None in errors else max(errors) for errors in levels]
 
 
 def measures(result):
-    """What a summary has errors of."""
+    """Return the quantities with errors in a summary."""
     return [m for m, keys in MEASURES.items() if all(key in result["rows"][0] for key in keys)]
 
 
 def percent(error):
-    """Two digits."""
+    """Format with two digits."""
     if error is None:
         return "no solution"
     if error < EXACT:
@@ -154,13 +154,13 @@ def percent(error):
 
 
 def table(head, rows):
-    """Markdown of a table."""
+    """Return a table in Markdown."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def finest(results):
-    """Error and time of all kinds on the finest level, the time in that of BASE."""
+    """Return error and time of all kinds on the finest level, the time relative to BASE."""
     columns, heads = [], [""]
     for result in results:
         rows = {kind_of(row): row for row in result["rows"]}
@@ -178,7 +178,7 @@ def finest(results):
 
 
 def case_table(result):
-    """Errors, seconds and share of contact of every kind and level."""
+    """Return errors, seconds and fraction of contact of every kind and level."""
     keys = [key for measure in reversed(measures(result)) for key in MEASURES[measure]]
     heads = [
         f"h = {h:.3g}, {unknowns:,} unknowns"
@@ -196,7 +196,7 @@ def case_table(result):
 
 
 def circumstances_of(results):
-    """Command, date, machine and versions, once for all cases that have the same."""
+    """Return command, date, machine and versions, once for all cases that have the same."""
     groups = {}
     for r in results:
         versions = ", ".join(f"{key} {value}" for key, value in r["versions"].items())
@@ -209,7 +209,7 @@ def circumstances_of(results):
 
 
 def tables(results):
-    """What --page writes between its two lines."""
+    """Return the text that --page writes between its two lines."""
     shares = {
         quadrature: statistics.median(
             share
@@ -244,7 +244,7 @@ def tables(results):
 
 
 def rewritten(page, results):
-    """The text of the page with new tables."""
+    """Return the text of the page with new tables."""
     before, rest = page.split(BEGIN)
     return f"{before}{BEGIN}\n\n{tables(results)}\n\n{END}{rest.split(END)[1]}"
 
@@ -256,7 +256,7 @@ STYLES = {"nodal": "s--", "overlay": "o-"}
 
 
 def plot(result, filename):
-    """Error over time, a row for each measure, a column for each enforcement."""
+    """Draw error over time, a row for each measure, a column for each enforcement."""
     from common.drawing import pyplot, save
 
     shown, title = measures(result), CASES[result["case"]].title
@@ -283,7 +283,7 @@ def plot(result, filename):
 
 
 def draw(axis, result, measure, enforcement):
-    """One panel: the kinds with this enforcement."""
+    """Draw one panel: the kinds with this enforcement."""
     least = min(e for row in result["rows"] for e in worst(row, measure) if e is not None)
     for row in result["rows"]:
         if row["enforcement"] == enforcement:
@@ -307,7 +307,7 @@ def draw(axis, result, measure, enforcement):
 
 
 def label_within_decades(scale):
-    """Label 1, 2 and 5 in each decade: of a short axis there would be one label, or none."""
+    """Label 1, 2 and 5 in each decade: otherwise a short axis would have one label, or none."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -316,7 +316,7 @@ def label_within_decades(scale):
 
 
 def load(folder):
-    """Summaries of all cases that are there."""
+    """Return summaries of all cases with a file."""
     files = (folder / f"speed_vs_error_{case}.json" for case in CASES)
     return [json.loads(f.read_text(encoding="utf-8")) for f in files if f.exists()]
 
@@ -331,7 +331,7 @@ def main():
     )
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json-dir", type=pathlib.Path, default=RESULTS, metavar="FOLDER")
-    parser.add_argument("--page", action="store_true", help="tables and figures of the page")
+    parser.add_argument("--page", action="store_true", help="write the page's tables, figures")
     p = parser.parse_args()
     if p.levels is not None and min(p.levels) < 0:
         parser.error("--levels must not be negative")

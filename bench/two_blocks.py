@@ -1,4 +1,4 @@
-"""Two elastic blocks, one on the other, pressed together: for bench/solvers.py and scaling.py."""
+"""Two elastic blocks pressed together, one on the other: for bench/solvers.py and scaling.py."""
 
 from mpi4py import MPI
 
@@ -14,7 +14,7 @@ PRESS = -0.02
 
 
 def box(cell, n, low, high):
-    """Mesh of the unit square × [low, high], or in 2D [0, 1] × [low, high], n cells along x."""
+    """Mesh the unit square × [low, high], or in 2D [0, 1] × [low, high], with n cells along x."""
     kind = mesh.CellType[cell]
     dim = 2 if kind in (mesh.CellType.triangle, mesh.CellType.quadrilateral) else 3
     create = mesh.create_rectangle if dim == 2 else mesh.create_box
@@ -23,25 +23,25 @@ def box(cell, n, low, high):
 
 
 def facets_at(msh, height):
-    """Facets of the boundary at a height."""
+    """Return facets of the boundary at a height."""
     axis = msh.topology.dim - 1
     return mesh.locate_entities_boundary(msh, axis, lambda x: np.isclose(x[axis], height))
 
 
 def residual(u, v, modulus):
-    """Virtual work of linear elasticity, ν = 0.3."""
+    """Return the virtual work of linear elasticity, ν = 0.3."""
     return ufl.inner(qs.materials.linear_elastic(u, modulus, 0.3), ufl.grad(v)) * ufl.dx
 
 
 def clamp(V, height, press):
-    """All displacements of the nodes at a height: none across, press upwards."""
+    """Prescribe the nodes at a height: zero displacement across, press upwards."""
     dim = V.mesh.geometry.dim
     dofs = fem.locate_dofs_topological(V, dim - 1, facets_at(V.mesh, height))
     return fem.dirichletbc(np.append(np.zeros(dim - 1), press), dofs, V)
 
 
 def two_bodies(meshes, moduli):
-    """Forms, displacements, conditions and contact surfaces of the lower and the upper block.
+    """Return forms, displacements, conditions and contact surfaces of the lower and upper block.
 
     Args:
         meshes: [0, 1]² × [0, 1] and [0, 1]² × [1, 2], or the same in 2D.

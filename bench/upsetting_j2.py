@@ -1,23 +1,23 @@
-"""Upsetting of an elasto-plastic billet, Ø20 × 30 mm, by 60 % between dies that it sticks to.
+"""Upset an elasto-plastic billet, Ø20 × 30 mm, by 60 % between sticking dies.
 
 The classic test of Lippmann (Metal Forming Plasticity, 1979), Taylor (1981) and Taylor & Becker
 (1983): E = 200 GPa, ν = 0.3, yield stress 700 MPa, hardening 300 MPa. Axisymmetric, the upper half:
-the die comes down by 9 mm, and the side folds on to it. Contact is with a rigid plane and
-qs.Sticking(), the material qs.J2Plasticity.
+the die comes down by 9 mm, and the side of the billet folds onto it. Contact is with a rigid plane
+and qs.Sticking(), the material is qs.J2Plasticity.
 
     python3 bench/upsetting_j2.py --cells 12 --json upsetting.json
     python3 bench/upsetting_j2.py --element taylor-hood
     python3 bench/upsetting_j2.py --remesh 0.25 0.45
     python3 bench/upsetting_j2.py --ccx FOLDER/calculix/ccx
 
-Each row, at a reduction of height in per cent: the force (kN); beside it with --ccx that of
+Each row, at a reduction of height in per cent, has the force (kN); with --ccx also the force of
 CalculiX on as many squares, CAX8R (see bench/peers/upsetting_calculix.py; bench/peers/install.py
-installs it), where it came so far; the force without friction, π R² Y, and Siebel's estimate for a
-friction factor of 1, π R² Y (1 + 2 R / (3 √3 h)), where Y = σ_Y + H ln(h₀/h), R is the radius of a
-cylinder of the same volume and h the height of the whole billet; the billet's radius (mm) at half
-height, CalculiX's, and the radius at which the billet leaves the die. Then the change of volume,
-and the error of the energies: the die's work, summed by the trapezoidal rule, less what is stored
-and dissipated, relative.
+installs it), as far as its run came; the force without friction, π R² Y, and Siebel's estimate for
+a friction factor of 1, π R² Y (1 + 2 R / (3 √3 h)), where Y = σ_Y + H ln(h₀/h), R is the radius of
+a cylinder of the same volume and h the height of the whole billet; the billet's radius (mm) at half
+height, the same of CalculiX, and the radius at which the billet leaves the die. The last entries
+are the change of volume, and the relative energy error: the die's work, summed by the trapezoidal
+rule, less the energy stored and dissipated.
 """
 
 import argparse
@@ -45,15 +45,15 @@ def run(cells, steps, element="mini", remesh=(), comm=MPI.COMM_WORLD, verbose=Tr
     """Upset the billet.
 
     Args:
-        cells: Squares along the radius of the first mesh.
-        steps: Steps at least.
+        cells: Number of squares along the radius of the first mesh.
+        steps: Smallest number of steps.
         element: One of ELEMENTS.
-        remesh: Reductions at which the billet gets a new mesh.
+        remesh: Reductions at which the billet is remeshed.
         comm: Communicator.
-        verbose: Whether rank 0 prints what a new mesh has changed.
+        verbose: Whether rank 0 prints the changes made by remeshing.
 
     Returns:
-        The history, an array for each of KEYS, and of "iterations", Newton's.
+        The history, an array for each of KEYS, and of "iterations", those of Newton's method.
     """
     die = qs.RigidSurface.plane(comm, [0, HEIGHT], [0, -1])
     billet = Billet(create_mesh(comm, cells), die, element)
@@ -79,7 +79,7 @@ def run(cells, steps, element="mini", remesh=(), comm=MPI.COMM_WORLD, verbose=Tr
 
 
 def remeshed(old, die, element, size, verbose):
-    """The billet with a new mesh."""
+    """Return the billet with a new mesh."""
     new = qs.remesh(old.displacement(), size, axisymmetric=True)
     if verbose and old.mesh.comm.rank == 0:
         print(new.report)
@@ -89,7 +89,7 @@ def remeshed(old, die, element, size, verbose):
 
 
 def energy_error(history):
-    """Of the work so far, relative; where nothing was done yet zero."""
+    """Return the error relative to the work so far; zero before any work is done."""
     force, way = history["force"], HEIGHT * history["reduction"]
     work = np.concatenate([[0], np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(way))])
     kept = history["stored"] + history["dissipated"]
@@ -97,7 +97,7 @@ def energy_error(history):
 
 
 def table(history, peer=None, reductions=np.arange(0.1, 0.61, 0.1)):
-    """Rows at some reductions."""
+    """Return the rows at some reductions."""
     change = history["volume"] / history["volume"][0] - 1
     columns = {k: history[k] for k in ("force", "radius", "die_radius")}
     columns |= {"volume_change": change, "energy_error": energy_error(history)}
@@ -116,7 +116,7 @@ def table(history, peer=None, reductions=np.arange(0.1, 0.61, 0.1)):
 
 
 def show(rows):
-    """Print them."""
+    """Print the rows."""
     print(
         "    %    force      ccx   frictionless  Siebel   radius     ccx   at die   volume   energy"
     )
@@ -135,11 +135,11 @@ def show(rows):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     add = parser.add_argument
-    add("--cells", type=int, default=8, help="along the radius")
+    add("--cells", type=int, default=8, help="cells along the radius")
     add("--steps", type=int, default=36)
     add("--element", choices=ELEMENTS, default="mini")
     add("--remesh", type=float, nargs="*", default=[], metavar="REDUCTION")
-    add("--ccx", metavar="COMMAND", help="CalculiX, to compare with")
+    add("--ccx", metavar="COMMAND", help="CalculiX, for a comparison")
     add("--json", metavar="FILE")
     p = parser.parse_args()
     comm = MPI.COMM_WORLD

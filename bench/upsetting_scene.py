@@ -1,4 +1,4 @@
-"""The billet of bench/upsetting_j2.py: its upper half, in any of the shapes that it takes."""
+"""The billet of bench/upsetting_j2.py: its upper half, in any shape during upsetting."""
 
 import numpy as np
 
@@ -15,13 +15,13 @@ ELEMENTS = ("mini", "taylor-hood")
 
 
 def create_mesh(comm, cells):
-    """The first mesh, with so many squares of four triangles along the radius."""
+    """Make the first mesh, with a number of squares of four triangles along the radius."""
     corners, count = [[0, 0], [RADIUS, HEIGHT]], [cells, round(cells * HEIGHT / RADIUS)]
     return mesh.create_rectangle(comm, corners, count, diagonal=mesh.DiagonalType.crossed)
 
 
 def space(msh, element):
-    """Displacement and pressure."""
+    """Make the space of displacement and pressure."""
     if element == "mini":
         return qs.materials.mini_space(msh)
     cell = msh.basix_cell()
@@ -50,7 +50,8 @@ class Billet:
             for k in (0, 1)
         ]
         self.free = np.setdiff1d(mesh.exterior_facet_indices(msh.topology), np.hstack(planes))
-        # Gaps of nodes from a plane are exact, and a side that folds on to it sees it at once.
+        # Gaps of nodes from a plane are exact, and a side that folds onto it is detected
+        # immediately.
         self.contact = qs.Contact(
             qs.Surface(V, facets=self.free, axisymmetric=True),
             die,
@@ -65,19 +66,19 @@ class Billet:
         self._volume = fem.form(volume)
 
     def force(self):
-        """On the die. Collective."""
+        """Return the force on the die. Collective."""
         return -self.contact.force("slave")[1]
 
     def volume(self):
-        """Of the half billet as it is. Collective."""
+        """Return the volume of the deformed half billet. Collective."""
         return self._total(self._volume)
 
     def energies(self):
-        """Stored, and dissipated. Collective."""
+        """Return the energy stored, and dissipated. Collective."""
         return [self.body.stored_energy(), self.body.dissipated_energy()]
 
     def radii(self, height):
-        """At half height, and where the billet leaves the die, at this height. Collective."""
+        """Return radii at half height and at the end of contact with the die. Collective."""
         x = self.mesh.geometry.x + self._motion.values()
         nodes = np.unique(mesh.entities_to_geometry(self.mesh, 1, self.free))
         r, z = x[nodes, 0], x[nodes, 1]
@@ -86,11 +87,11 @@ class Billet:
         return [max(radii) for radii in zip(*self.mesh.comm.allgather(found), strict=True)]
 
     def displacement(self):
-        """A function of its own."""
+        """Return the displacement as a separate function."""
         return self.w.sub(0).collapse()
 
     def carry_from(self, old):
-        """Take the state of the billet on another mesh, where it is displaced to. Collective."""
+        """Transfer the state from another mesh in its deformed configuration. Collective."""
         options = {"displacement": old.displacement(), "axisymmetric": True}
         for name, field in self.body.fields.items():
             found = qs.transfer(old.body.fields[name], field.function_space, **options)

@@ -1,4 +1,4 @@
-"""Which cases of a test are run after each change, and with how many ranks."""
+"""Choose which cases of a test run after each change, and with how many ranks."""
 
 import itertools
 import pathlib
@@ -6,18 +6,18 @@ import zlib
 
 
 def indices(item):
-    """Number of the value that each parameter of a case has, by the parameter's name."""
+    """Return the index of each parameter's value in a case, by the name of the parameter."""
     return item.callspec.indices if hasattr(item, "callspec") else {}
 
 
 def chosen(cases):
-    """Numbers of the cases that are run after each change, of those of one test.
+    """Return the indices of the cases of one test that run after each change.
 
-    Of a product of two lists of parameters every value is there, of three and more every pair of
-    values. A single list is run as it is.
+    For a product of two lists of parameters, every value occurs; for three and more lists, every
+    pair of values occurs. A single list runs completely.
 
     Args:
-        cases: What ``indices`` gives, for each case.
+        cases: Results of ``indices`` for each case.
     """
     columns = {tuple(case[name] for case in cases) for name in cases[0]}
     columns = sorted(column for column in columns if len(set(column)) > 1)
@@ -33,7 +33,7 @@ def chosen(cases):
     return sorted(kept)
 
 
-#: Slow tests, or cases of tests, whose fact quicker ones share: they are ``long``, too.
+#: Slow tests, or cases of tests, whose behaviour quicker tests check too: marked ``long`` as well.
 SLOW = (
     "base/test_reliability.py::test_full_disk",
     "base/test_reliability.py::test_no_communicator_on_one_rank[no_unknowns-2]",
@@ -60,32 +60,32 @@ SLOW = (
     "test_plasticity.py::test_goes_on_from_a_checkpoint[True]",
 )
 
-#: Folders of tests with one rank: they read files, run scripts of one rank, or start programs.
+#: Folders of tests that need one rank: they read files, run scripts of one rank, or start programs.
 ALONE = ("bench", "project")
-#: Of forty tests, how many `make test` runs with 1, 2 and 3 ranks; one with 2 ranks takes some
-#: four times as long as with 1, where two run at a time.
+#: Out of forty tests, numbers that `make test` runs with 1, 2 and 3 ranks. A test with 2 ranks
+#: takes some four times as long as with 1, where two tests run at a time.
 DEAL = (36, 3, 1)
-#: Of five tests that only several ranks can fail.
+#: The same out of five tests that only several ranks can fail.
 SEVERAL = (0, 3, 2)
 
 
 def is_slow(item):
-    """Whether a test is one of those."""
+    """Return whether a test is in SLOW."""
     return item.nodeid.removeprefix("tests/").startswith(SLOW)
 
 
 def needs_several(item):
-    """Whether a test is marked as one for several ranks."""
+    """Return whether a test is marked for several ranks."""
     return any(item.get_closest_marker(mark) for mark in ("several_ranks", "parallel"))
 
 
 def ranks_of(item):
-    """Number of ranks with which `make test` runs a test: by its name, so that it stays."""
+    """Return the number of ranks with which `make test` runs a test; only its name decides."""
     folder, name = pathlib.Path(item.path).parent.name, item.name.partition("[")[0]
     if folder in ALONE or item.get_closest_marker("one_rank"):
         return 1
     several = needs_several(item) or "ranks" in name
-    if folder == "problems":  # demos, which are long
+    if folder == "problems":  # demos, which take long
         return 2 if several else 1
     shares = SEVERAL if several else DEAL
     place = zlib.crc32(item.nodeid.encode()) % sum(shares)

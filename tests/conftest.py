@@ -1,4 +1,4 @@
-"""Tests run with any number of MPI ranks; each test counts as one, whichever rank it fails on."""
+"""Run tests with any number of MPI ranks; each test counts once, whichever rank it fails on."""
 
 import collections
 import functools
@@ -9,15 +9,15 @@ import os
 import pathlib
 import sys
 
-# Tests make a mesh twice and compare values rank by rank. With its threads Scotch, DOLFINx's
-# partitioner, may cut the same mesh differently each time (7.0.16 does, on 3 ranks).
+# Tests make a mesh twice and compare values rank by rank. With threads Scotch, DOLFINx's
+# partitioner, may partition the same mesh differently each time (7.0.16 does, on 3 ranks).
 os.environ["SCOTCH_PTHREAD_NUMBER"] = "1"
 
 from mpi4py import MPI
 
 import pytest
 
-# Tests import what is beside this file (scenes), in a folder of tests (hard.scenes), the demos and
+# Tests import modules next to this file (scenes) and in test folders (hard.scenes), the demos and
 # the benchmarks.
 here = pathlib.Path(__file__).resolve().parent
 programs = [here.parent / folder for folder in ("demos", "demos/engineering", "bench")]
@@ -33,12 +33,12 @@ import qsdolfinx as qs  # noqa: E402
 
 comm = MPI.COMM_WORLD.Dup()
 
-# Two processes may want the same form: the one waits until the other has compiled it.
+# Two processes may need the same form: one waits until the other has compiled it.
 jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (300, "seconds to wait for another process")
 
 
 def keep_loaded(load):
-    """FFCx lists the whole folder of forms each time that it loads one: remember those loaded."""
+    """Keep loaded forms in memory: FFCx lists the whole folder of forms at each load."""
     modules = {}
 
     def get_cached_module(name, objects, folder, timeout):
@@ -53,16 +53,17 @@ def keep_loaded(load):
 
 ffcx_jit.get_cached_module = keep_loaded(ffcx_jit.get_cached_module)
 
-# A cell makes all of its facets, edges and vertices anew each time that UFL asks an element for it.
+# A cell creates all of its facets, edges and vertices again each time that UFL asks an element for
+# it.
 ufl.cell.Cell = functools.cache(ufl.cell.Cell)
 
-#: Tests after which garbage is collected, and the count of them.
+#: Number of tests between garbage collections, and the counter of finished tests.
 GARBAGE, finished = 10, itertools.count(1)
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish():
-    """From here on, collecting garbage takes a moment: all that pytest knows is left out."""
+    """Freeze all objects of pytest, so that later garbage collections are fast."""
     gc.collect()
     gc.freeze()
     if comm.size > 1:
@@ -71,11 +72,11 @@ def pytest_collection_finish():
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown():
-    """All ranks collect garbage at the same time.
+    """Collect garbage on all ranks at the same time.
 
-    Else each frees communicators when it likes, the numbers of those that are left become
-    different ones on each rank, and Open MPI searches ever longer for one that is free on all: at
-    the end of the tests everything took four times as long on 3 ranks.
+    Otherwise each rank frees communicators at different times. The numbers of the remaining
+    communicators then differ between ranks, and Open MPI takes ever longer to find a number that is
+    free on all ranks: at the end of the tests everything took four times as long on 3 ranks.
     """
     if next(finished) % GARBAGE == 0 and comm.size > 1:
         gc.collect()
@@ -83,7 +84,7 @@ def pytest_runtest_teardown():
 
 @pytest.fixture(autouse=True)
 def destroy_problems(monkeypatch):
-    """Free what each test solved: in parallel PETSc would keep it to the end."""
+    """Destroy the problems of each test: in parallel PETSc would keep them to the end."""
     problems = []
     create = qs.ContactProblem.__init__
 
@@ -101,18 +102,18 @@ def pytest_addoption(parser):
     parser.addoption(
         "--all-cases",
         action="store_true",
-        help="every case of every test, not each value of its parameters or pairs of these",
+        help="run every case, not only a selection with each value or pair of parameter values",
     )
     parser.addoption(
         "--share",
         action="store_true",
-        help="only what `make test` runs with this number of MPI ranks (see CONTRIBUTING.md)",
+        help="run only the share of `make test` for this number of MPI ranks (see CONTRIBUTING.md)",
     )
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark as long what no run after each change needs; deal the rest to 1, 2 and 3 ranks."""
+    """Mark cases not needed after each change as long; divide the rest among 1, 2 and 3 ranks."""
     for item in filter(is_slow, items):
         item.add_marker(pytest.mark.long)
     if not config.getoption("all_cases", False):
@@ -131,7 +132,7 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
-    """Skip what another number of ranks is needed for."""
+    """Skip tests that need another number of ranks."""
     if item.get_closest_marker("several_ranks") and comm.size == 1:
         pytest.skip("needs two ranks")
     if item.get_closest_marker("one_rank") and comm.size > 1:

@@ -7,10 +7,10 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-#: How far the block is pressed against each wall.
+#: Distance by which the block is pressed against each wall.
 PRESS = 0.02
 
-#: What contacts have if nothing else is said.
+#: Default options of the contacts.
 AT_NODES = {"quadrature": "nodal", "enforcement": "penalty", "penalty": 50.0}
 
 
@@ -23,7 +23,7 @@ def on_wall(axis, value=0.0):
 
 
 def corner_mesh(cell, n, walls, partition, comm=scenes.WORLD):
-    """[-1, 1]^d without the part in which the first ``walls`` coordinates are positive."""
+    """Mesh [-1, 1]^d without the part in which the first ``walls`` coordinates are positive."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     whole = scenes.box(comm, [2 * n] * gdim, cell, [-1.0] * gdim, [1.0] * gdim, partition)
     whole.topology.create_connectivity(gdim, 0)
@@ -34,7 +34,7 @@ def corner_mesh(cell, n, walls, partition, comm=scenes.WORLD):
 
 
 def turned(x, angle):
-    """Points or vectors turned in the plane of the first two axes."""
+    """Rotate points or vectors in the plane of the first two axes."""
     out, (c, s) = np.array(x, dtype=np.float64), (np.cos(angle), np.sin(angle))
     out[..., 0], out[..., 1] = c * x[..., 0] - s * x[..., 1], s * x[..., 0] + c * x[..., 1]
     return out
@@ -44,16 +44,17 @@ class InCorner:
     """A block in a corner of two or three walls, pressed against each by ``PRESS``.
 
     Args:
-        cell: Of both meshes.
-        walls: How many; in 3D two make an edge.
-        n: Cells along the edges of the corner's walls and of the block.
-        master: ``"elastic"``, or ``"rigid"``, a tool made of the walls' facets.
-        named: Whether each wall and the face before it are a contact of their own.
+        cell: Cell type of both meshes.
+        walls: Number of walls; in 3D two walls form an edge.
+        n: Numbers of cells along the edges of the corner's walls and of the block.
+        master: ``"elastic"``, or ``"rigid"`` for a tool made of the facets of the walls.
+        named: Whether each wall and the opposite face form a separate contact.
         block_first: Whether the block is the slave.
-        press: For each wall; how far.
-        gap: Between the block and each wall.
-        angle: By which both bodies are turned: their far faces are then held as a whole.
-        options: Of the contacts; else they have penalties at nodes.
+        press: Distance by which the block is pressed, for each wall.
+        gap: Gap between the block and each wall.
+        angle: Angle by which both bodies are rotated; their far faces are then held in all
+            components.
+        options: Options of the contacts; by default they have penalties at nodes.
     """
 
     def __init__(
@@ -138,10 +139,10 @@ class InCorner:
         return problem
 
     def forces(self):
-        """Total force on the block."""
+        """Return the total force on the block."""
         side = "slave" if self.block_first else "master"
         return sum(contact.force(side) for contact in self.contacts)
 
     def num_corners(self):
-        """Nodes of this rank in corners."""
+        """Return the nodes of this rank in corners."""
         return sum(gap.points.num_corners for c in self.contacts for gap in c.model.gaps)

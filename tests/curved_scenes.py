@@ -12,8 +12,9 @@ import qsdolfinx as qs
 class Shell:
     """A part of a ring in 2D or 3D, or of a spherical shell, between two radii.
 
-    Cells are spread over the angle (and along the axis, or the second angle) and over the radius.
-    Geometry and displacements are of these degrees; "elevated" is one that qs.elevate has made.
+    Cells are uniform over the angle (and along the axis, or the second angle) and over the radius.
+    Geometry and displacements have the given degrees; with "elevated" the geometry is made by
+    qs.elevate.
     """
 
     def __init__(
@@ -53,7 +54,7 @@ class Shell:
         self.F = elastic(self.u, E=200e3)
 
     def load(self, facets, traction):
-        """Add a traction of UFL on facets."""
+        """Add a traction, a UFL expression, on facets."""
         tags = mesh.meshtags(self.mesh, self.gdim - 1, np.sort(facets), np.ones_like(facets))
         ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)(1)
         self.F -= ufl.inner(traction, ufl.TestFunction(self.V)) * ds
@@ -68,7 +69,7 @@ class Shell:
         return qs.Surface(self.V, facets=facets)
 
     def symmetry(self):
-        """Of a quarter of a ring, held along the axis in 3D."""
+        """Make symmetry conditions of a quarter of a ring, held along the axis in 3D."""
         planes = [(1, self.ends[0][0]), (0, self.ends[0][1])]
         planes += [(2, end) for ends in self.ends[1:] for end in ends]
         fdim = self.gdim - 1
@@ -83,12 +84,12 @@ class Shell:
 
 
 class Rings:
-    """Two rings, an inner and an outer one, of which a quarter is meshed.
+    """Two rings, an inner and an outer one; a quarter is meshed.
 
     Args:
-        n: Cells of the inner and of the outer one.
-        radii: Of each, within and without.
-        smoothing: As of the contact, or "named" for the circles or cylinders of these radii.
+        n: Numbers of cells of the inner and of the outer ring.
+        radii: Inner and outer radius of each ring.
+        smoothing: Smoothing of the contact, or "named" for the circles or cylinders of these radii.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class Rings:
         )
 
     def pressure(self, side):
-        """Mean and scatter over the area of one side. Collective."""
+        """Return mean and scatter over the area of one side. Collective."""
         surface = getattr(self.contact, side).linear
         t = surface.node_values(self.contact.traction(side))[:, :2]
         x = surface.node_x[:, :2]
@@ -140,7 +141,7 @@ class Rings:
 
 
 class ShrinkFit(Rings):
-    """Rings of 5 to R + δ/2 and R − δ/2 to 15, R = 10: a quarter of them."""
+    """Make a quarter of rings of 5 to R + δ/2 and R − δ/2 to 15, R = 10."""
 
     R = 10.0
 
@@ -150,10 +151,10 @@ class ShrinkFit(Rings):
 
 
 class LoadedRings(Rings):
-    """Rings of ½ to 1 to 1½ that meet in the pressure p + q cos 2θ, by a load from without.
+    """Rings of ½ to 1 to 1½ with the contact pressure p + q cos 2θ, from a load on the outside.
 
-    Michell's solution in plane strain: the inner ring is free within, no side has friction, and
-    radial displacements agree where they meet.
+    Michell's solution in plane strain: the inner boundary is free, no side has friction, and radial
+    displacements agree at the interface.
     """
 
     P, Q, E, NU = 50.0, 15.0, 200e3, 0.3
@@ -167,13 +168,13 @@ class LoadedRings(Rings):
         self.outer.load(self.outer.outer, (uniform + second * cosine) * x / r)
 
     def load_without(self, a, b):
-        """Stress σ_rr = s_0 + s_2 cos 2θ at the outer radius."""
+        """Return the stress σ_rr = s_0 + s_2 cos 2θ at the outer radius."""
         k = 3 - 4 * self.NU
 
-        def even(r):  # of φ = A r² + B ln r: σ_rr, and 2μ u_r
+        def even(r):  # from φ = A r² + B ln r: σ_rr, and 2μ u_r
             return np.array([[2, r**-2.0], [(k - 1) * r, -1 / r]])
 
-        def second(r):  # of (A r² + B r⁴ + C r⁻² + D) cos 2θ: σ_rr, σ_rθ, and 2μ u_r
+        def second(r):  # from (A r² + B r⁴ + C r⁻² + D) cos 2θ: σ_rr, σ_rθ, and 2μ u_r
             return np.array(
                 [
                     [-2, 0, -6 * r**-4.0, -4 * r**-2.0],
@@ -191,7 +192,7 @@ class LoadedRings(Rings):
         return even(b)[0] @ outer, second(b)[0] @ outer_2
 
     def error(self, side):
-        """L2 error of the pressure over its mean. Collective."""
+        """Return the L2 error of the pressure over its mean. Collective."""
         surface = getattr(self.contact, side).linear
         t = surface.node_values(self.contact.traction(side))[:, :2]
         x = surface.node_x[:, :2]
@@ -204,7 +205,7 @@ class LoadedRings(Rings):
 
 
 def exact_pressure(misfit=0.01, E=200e3, nu=0.3):
-    """Lamé's solution in plane strain for rings 5 to 10 to 15 of one material."""
+    """Return Lamé's pressure in plane strain for rings 5 to 10 to 15 of one material."""
     a, R, b = 5.0, ShrinkFit.R, 15.0
     E, nu = E / (1 - nu**2), nu / (1 - nu)
     outer = (b**2 + R**2) / (b**2 - R**2) + nu

@@ -1,4 +1,4 @@
-"""Neo-Hookean bodies whose contact follows them, for the tests of sliding="finite"."""
+"""Neo-Hookean bodies with updated contact geometry, for the tests of sliding="finite"."""
 
 import numpy as np
 from scenes import WORLD, box, clamp, create_mesh, plane, slide
@@ -13,11 +13,11 @@ E, NU = 100.0, 0.3
 
 
 class Body:
-    """A body on a mesh, without loads and conditions until it is given some.
+    """A body on a mesh, initially without loads and conditions.
 
     Args:
         msh: The mesh.
-        degree: Of the displacements.
+        degree: Degree of the displacements.
         stiffness: Young's modulus.
         axisymmetric: Whether coordinates are (r, z).
     """
@@ -47,7 +47,7 @@ class Body:
         return self.surface(plane(self.mesh, axis, value))
 
     def press(self, axis, value, pressure):
-        """A dead pressure on the side of the box where the coordinate is that."""
+        """Apply a dead pressure on the side of the box with this coordinate."""
         facets = np.sort(plane(self.mesh, axis, value))
         tags = mesh.meshtags(
             self.mesh, self.mesh.topology.dim - 1, facets, np.ones(len(facets), dtype=np.int32)
@@ -56,11 +56,11 @@ class Body:
         self.F += fem.Constant(self.mesh, pressure) * self.v[axis] * self.weight * ds(1)
 
     def hold(self, axis, at, value, amount=0.0):
-        """Hold one component on a side of the box."""
+        """Fix one component on a side of the box."""
         self.bcs.append(slide(self.V, axis, plane(self.mesh, at, value), amount))
 
     def clamp(self, facets, value=None):
-        """Hold a side; returns the Constant of its displacement."""
+        """Fix a side; returns the Constant of its displacement."""
         constant = fem.Constant(
             self.mesh, np.zeros(self.gdim) if value is None else np.asarray(value, dtype=float)
         )
@@ -69,11 +69,11 @@ class Body:
         return constant
 
     def set(self, displacement):
-        """Set the displacement of all nodes to a function of their places (n, gdim)."""
+        """Set the displacement of all nodes to a function of their positions (n, gdim)."""
         self.u.interpolate(lambda x: displacement(x[: self.gdim].T).T)
 
     def internal_forces(self):
-        """What the body needs from outside at each owned node, (nodes, gdim). Collective."""
+        """Return the internal forces at the owned nodes, (nodes, gdim). Collective."""
         b = fem.assemble_vector(fem.form(self.F))
         b.scatter_reverse(la.InsertMode.add)
         return b.array[: self.num_owned].reshape(-1, self.gdim).copy()
@@ -84,14 +84,14 @@ class Body:
 
     @property
     def places(self):
-        """Where the owned nodes are now, (nodes, gdim)."""
+        """Return the current positions of the owned nodes, (nodes, gdim)."""
         owned = self.num_owned // self.gdim
         x = self.V.tabulate_dof_coordinates()[:owned, : self.gdim]
         return x + self.u.x.array[: self.num_owned].reshape(-1, self.gdim)
 
     @property
     def energy(self):
-        """Collective."""
+        """Return the strain energy. Collective."""
         return WORLD.allreduce(fem.assemble_scalar(fem.form(self.W)))
 
 
@@ -107,14 +107,14 @@ def total(values):
 
 
 def moment(x, f):
-    """Of forces at places in 2D or 3D, about the origin, on all ranks. Collective."""
+    """Return the moment of forces at positions in 2D or 3D, about the origin. Collective."""
     if x.shape[1] == 2:
         return total(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])
     return total(np.cross(x, f))
 
 
 def rotation(angle, axis=None):
-    """Matrix of a turn by an angle, in 3D about an axis."""
+    """Return the matrix of a rotation by an angle, in 3D about an axis."""
     c, s = np.cos(angle), np.sin(angle)
     if axis is None:
         return np.array([[c, -s], [s, c]])
@@ -124,7 +124,7 @@ def rotation(angle, axis=None):
 
 
 def create(cell, x, cells):
-    """Mesh of cells, given on all ranks."""
+    """Make a mesh of cells, given on all ranks."""
     gdim = x.shape[1]
     mine = np.array_split(np.arange(len(cells)), WORLD.size)[WORLD.rank]
     points = np.array_split(x, WORLD.size)[WORLD.rank]
@@ -133,7 +133,7 @@ def create(cell, x, cells):
 
 
 def ring(n, radii, cell="quadrilateral", turn=0.0, wave=0.0):
-    """Cells around and across a ring; corners are not evenly spread, and the whole is turned."""
+    """Mesh a ring with cells around and across it, with uneven angles, rotated as a whole."""
     around, across = n
     k = np.arange(around)
     angle = 2 * np.pi * (k + 0.2 * np.sin(1.7 * k)) / around + turn
@@ -149,7 +149,7 @@ def ring(n, radii, cell="quadrilateral", turn=0.0, wave=0.0):
 
 
 def shell(n, radii, cell="hexahedron", turn=None):
-    """A cube's surface, n × n quadrilaterals a side, blown up to a spherical shell of one layer."""
+    """Mesh a spherical shell of one layer: the inflated surface of a cube, n × n facets a side."""
     grid = np.linspace(-1, 1, n + 1)
     numbers, points, quads = {}, [], []
 
@@ -197,7 +197,7 @@ def shell(n, radii, cell="hexahedron", turn=None):
 
 
 def on_radius(body, radius, tolerance=0.2):
-    """Surface of the facets whose corners are that far from the origin, or nearly."""
+    """Return the surface of the facets whose corners have about this distance from the origin."""
     return body.surface(
         body.boundary(
             lambda x: np.abs(np.linalg.norm(x[: body.gdim], axis=0) / radius - 1) < tolerance
@@ -206,9 +206,9 @@ def on_radius(body, radius, tolerance=0.2):
 
 
 class Nested:
-    """A ring in a ring, or a spherical shell in one, that overlap by the misfit.
+    """A ring in a ring, or a spherical shell in another one, that overlap by the misfit.
 
-    The inner boundary of the inner one and the outer one of the outer one are clamped.
+    The inner boundary of the inner body and the outer boundary of the outer body are clamped.
     """
 
     def __init__(self, cell, degree=1, n=(13, 17), misfit=0.02, wave=0.0, stiffness=E, **contact):
@@ -234,14 +234,14 @@ class Nested:
 
 
 class Boxes:
-    """Two boxes, the second one on the first; surfaces named by the axis that they are across.
+    """Two boxes, the second on top of the first; surfaces are named by the axis normal to them.
 
     Args:
-        cell: Of both.
-        n: Cells along each axis, of each.
-        sizes: Along each axis, of each.
+        cell: Cell type of both.
+        n: Number of cells along each axis, of each box.
+        sizes: Size along each axis, of each box.
         start: First coordinate at which the upper box begins.
-        gap: Between them.
+        gap: Gap between the boxes.
     """
 
     def __init__(
@@ -295,6 +295,6 @@ __all__ = [
 
 
 def but_for(body, facets):
-    """All of a body's boundary but for some facets."""
+    """Return all of a body's boundary facets except some."""
     everything = mesh.exterior_facet_indices(body.mesh.topology)
     return body.surface(np.setdiff1d(everything, facets))

@@ -1,4 +1,4 @@
-"""A ring that nothing but two plates holds: squeezed, then rolled by the upper one."""
+"""A ring supported by two plates only: squeezed, then rolled by the upper plate."""
 
 import numpy as np
 from scenes import WORLD, create_mesh
@@ -13,14 +13,14 @@ INNER, SQUEEZE = 0.6, 0.3
 
 
 class FreeRing:
-    """A neo-Hookean ring of radius 1 in plane strain, in time steps of a squeeze and then rolls.
+    """A neo-Hookean ring of radius 1 in plane strain, in time steps: squeezed, then rolled.
 
     Args:
-        n: Cells around and across it.
-        turn: Angle (degrees) by which it rolls in a unit of time.
-        stabilisation: For the problem.
-        constraints: For the contacts.
-        stepping: For the TimeStepper.
+        n: Numbers of cells around and across the ring.
+        turn: Angle (degrees) by which it rolls per unit of time.
+        stabilisation: Argument of the problem.
+        constraints: Argument of the contacts.
+        stepping: Arguments of the TimeStepper.
     """
 
     def __init__(self, n=(80, 4), turn=30.0, stabilisation=None, constraints="nodes", **stepping):
@@ -64,5 +64,5 @@ class FreeRing:
 
     @property
     def forces(self):
-        """Of the lower and the upper plate on the ring, along y. Collective."""
+        """Return the forces of the lower and the upper plate on the ring, along y. Collective."""
         return [contact.force("slave")[1] for contact in self.contacts]

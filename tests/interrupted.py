@@ -1,7 +1,7 @@
-"""Ctrl-C at random moments: ``interrupted.py NUMBER [SEED]``, on any number of ranks.
+"""Send Ctrl-C at random moments: ``interrupted.py NUMBER [SEED]``, on any number of ranks.
 
-A scene is solved for one load after the other. Each solve is interrupted once and must leave the
-state before; the next must find what a twin finds that nobody interrupts.
+A scene is solved for a series of loads. Each solve is interrupted once and must restore the state
+before it. The next solve must give the same result as a twin scene that is not interrupted.
 """
 
 import os
@@ -23,24 +23,24 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 from qsdolfinx.contact import multipliers
 
-#: Displacements over a load cycle, as parts of the largest one.
+#: Displacements over a load cycle, as fractions of the largest one.
 LOADS = (0.5, 1.0, 0.3, 0.8)
 
-#: Difference from the twin, over the largest value.
+#: Tolerance of the difference from the twin, relative to the largest value.
 TOLERANCE = 1e-6
 
 
 class Scene:
-    """Problems that are solved for a load."""
+    """A problem that is solved for a series of loads."""
 
     def shown(self):
-        """All that an interrupted solve must leave as it was."""
+        """Return all values that an interrupted solve must leave unchanged."""
         out = [u.x.array for u in self.problem.u]
         out += [u.function_space.mesh.geometry.x for u in self.problem.u]
         for contact in self.problem.contacts:
             out += multipliers.on_nodes(contact.model.parts)
             out += [np.nan_to_num(contact.gap())]
-            if contact.model.penalty.value is not None:  # something has been solved
+            if contact.model.penalty.value is not None:  # the problem has been solved
                 out += [contact.multiplier(), contact.force("slave")]
             tool = contact.master
             if isinstance(tool, qs.RigidSurface):
@@ -59,7 +59,7 @@ class Blocks(Scene):
         self.shift = 0.0
 
     def set(self, load):
-        """For the next solve."""
+        """Set the load of the next solve."""
         self.shift += self.drag * (load - 0.4)
         drag_top(self.pair, self.shift, -self.load * load)
 
@@ -87,7 +87,7 @@ class Tool(Scene):
         self.force = force
 
     def set(self, load):
-        """For the next solve."""
+        """Set the load of the next solve."""
         if self.force:
             self.tool.drive(0.1 * load, [0.0, -1.0])
         else:
@@ -106,15 +106,15 @@ class Steps(Scene):
         self.problem = self.case.problem
 
     def set(self, load):
-        """For the next step."""
+        """Set the length of the next step."""
         self.case.stepper.dt = self.case.stepper.dt_max * (0.5 + load) / 1.5
 
     def go(self):
-        """Step."""
+        """Make a step."""
         self.case.stepper.step()
 
     def shown(self):
-        """Those of the stepper as well."""
+        """Return the values of the problem and of the stepper."""
         stepper = self.case.stepper
         return [*super().shown(), np.array([stepper.t, stepper.num_steps]), *stepper.rates]
 
@@ -137,7 +137,7 @@ SCENES = {
 
 
 class CtrlC:
-    """A SIGINT for this rank after some time, if it is in the block then."""
+    """Send a SIGINT to this rank after some time, if it is in the block then."""
 
     def __init__(self, delay):
         self.delay, self.sent = delay, False
@@ -153,14 +153,14 @@ class CtrlC:
         signal.signal(signal.SIGALRM, self._before)
 
     def _send(self, number, frame):
-        # Not before and after the solve, where Python would raise on this rank alone.
+        # Not before and after the solve, where Python would raise on this rank only.
         if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
             self.sent = True
             os.kill(os.getpid(), signal.SIGINT)
 
 
 def interrupt(scene, delays):
-    """Whether any rank has had Ctrl-C, and what each has raised; ``None`` for nothing."""
+    """Return whether any rank got Ctrl-C, and what each rank raised; ``None`` for nothing."""
     found = None
     with CtrlC(delays[WORLD.rank]) as ctrl_c:
         try:
@@ -171,7 +171,7 @@ def interrupt(scene, delays):
 
 
 def run(name, number, seed):
-    """Interrupt ``number`` solves of a scene; returns how many came after all was done."""
+    """Interrupt ``number`` solves of a scene; return how many interrupts came too late."""
     rng = np.random.default_rng([seed, *name.encode()])
     scene, twin = SCENES[name](), SCENES[name]()
     late = hits = tries = 0
@@ -191,7 +191,7 @@ def run(name, number, seed):
         sent, raised = interrupt(scene, delays)
         tries += 1
         if sent and WORLD.size > 1 and not any(raised):
-            # It came to one rank when the others were done: it waits for the next solve.
+            # It came to one rank after the others had finished: it waits for the next solve.
             late, sent, now = late + 1, 0, scene.shown()
             assert interrupt(scene, [None] * WORLD.size)[1] == ["KeyboardInterrupt"] * WORLD.size
             assert same(now, scene.shown())

@@ -1,4 +1,4 @@
-"""A block whose corner overlaps another's, all faces near the corners named."""
+"""A block whose corner overlaps a corner of another; all faces near them are in contact."""
 
 import numpy as np
 from scenes import WORLD, box, clamp, elastic, plane, vector_space
@@ -11,7 +11,7 @@ CELL = {2: "quadrilateral", 3: "hexahedron"}
 
 
 def turned(x, angle):
-    """Points turned in the plane of the first and the last axis."""
+    """Rotate points in the plane of the first and the last axis."""
     out, last = np.array(x), x.shape[1] - 1
     c, s = np.cos(angle), np.sin(angle)
     out[:, 0], out[:, last] = c * x[:, 0] - s * x[:, last], s * x[:, 0] + c * x[:, last]
@@ -19,17 +19,18 @@ def turned(x, angle):
 
 
 class Corners:
-    """A block from [-1, 0, -1] to [1, 1, 0], and a unit one on its top beyond its right side.
+    """A block from [-1, 0, -1] to [1, 1, 0], and a unit block on its top beyond its right side.
 
     Args:
         width: Overlap along the first axis (length).
-        depth: Overlap along the last one.
-        gdim: Of space.
-        sides: Whether the faces beside the overlap are named, too.
-        n: Cells of the one along an edge of 2, of the other along one of 1.
-        partition: Of the cells.
-        angle: By which all is turned.
-        options: For the contact.
+        depth: Overlap along the last axis.
+        gdim: Dimension of space.
+        sides: Whether the faces beside the overlap belong to the surfaces, too.
+        n: Numbers of cells along an edge of length 2 of the first block, and of length 1 of the
+            second.
+        partition: Partition of the cells.
+        angle: Angle by which everything is rotated.
+        options: Options of the contact.
     """
 
     def __init__(self, width, depth=0.0, gdim=2, sides=True, n=(6, 7), angle=0.0, **options):
@@ -61,11 +62,11 @@ class Corners:
         self.bcs = bcs
 
     def problem(self):
-        """Both blocks elastic and alike."""
+        """Make both blocks elastic, with the same material."""
         return qs.ContactProblem([elastic(u) for u in self.u], self.u, [self.contact], self.bcs)
 
     def press(self, steps, step=0.004):
-        """Forces on the upper block across and along the axis, and depths, of equal steps down."""
+        """Return forces on the upper block across and along the axis, and depths, for each step."""
         problem, out = self.problem(), []
 
         def drive(t, dt):

@@ -1,21 +1,22 @@
 #!/usr/bin/env python3
-"""Plants faults of one line in a copy of the repository, and sees whether the tests notice them.
+"""Plant faults of one line in a copy of the repository, and check that the tests detect them.
 
     python3 tests/planted.py                    all of planted_faults.py; prints a table in Markdown
     python3 tests/planted.py --only tie silence some of them, by words of their names
     python3 tests/planted.py --clean            the same tests without a fault: they have to pass
     python3 tests/planted.py --tests ELSEWHERE  the tests of another repository, such as fewer ones
 
-Each fault has a few tests that are expected to see it. They are run as ``make test`` runs them,
-with the markers and the shares of each number of ranks that it has: what they notice it notices. If
-they do not, or are for an hour, all of their files are run. With
-``--whole`` what they miss is tried with all tests of their files, their folders and then with all
-there are; with ``--try`` only with tests that are named there.
+Each fault has a few tests that are expected to detect it. They run as ``make test`` runs them, with
+the markers and the shares of each number of ranks that it uses, so that a fault is detected here if
+``make test`` detects it. If these tests do not detect the fault, or if none of them is in a share,
+all tests of their files run. With ``--whole``, a fault that is still not detected is tried with all
+tests of their files, of their folders and then with all tests; with ``--try`` only with the tests
+named there.
 
-A fault whose line is no longer there or does not build is an error, and so is one that ends in a
-time-out unless it says that ranks wait for each other. The copy and what was built of it stay in
-the folder for temporary files: the next run builds only what has changed. Nothing is changed where
-this was started from.
+A fault is an error if its line is missing or if the changed sources do not build. A time-out is an
+error, too, unless the fault is declared as one with which ranks wait for each other. The copy and
+its build stay in the folder for temporary files, so that the next run builds only what has changed.
+Nothing is changed in the repository from which this is started.
 """
 
 from __future__ import annotations
@@ -40,18 +41,18 @@ sys.path.insert(0, str(HERE))
 
 from planted_faults import FAULTS, Fault  # noqa: E402
 
-#: Numbers of ranks that `make test` runs all tests with.
+#: Numbers of ranks that `make test` uses.
 RANKS = (1, 2, 3)
 
-#: pytest has run nothing: it knows no such function, or all were left out.
+#: Exit codes of pytest if no test has run: no such function, or all were deselected.
 NO_SUCH_TEST, NO_TESTS = 4, 5
 
-#: A line of pytest about a test that has failed.
+#: A line of pytest about a failed test.
 FAILED = re.compile(r"^(tests/\S+?\.py\S*?(?:\[.*\])?) (?:FAILED|ERROR)\b", re.MULTILINE)
 
 
 class StaleError(Exception):
-    """The line of a fault is not there, or there more than once."""
+    """The line of a fault is missing, or occurs more than once."""
 
 
 class BuildError(Exception):
@@ -59,14 +60,14 @@ class BuildError(Exception):
 
 
 class Outcome(typing.NamedTuple):
-    """Of one run of tests.
+    """Result of one run of tests.
 
     Attributes:
-        failed: The first test that failed; what happened instead if that is not known; None if all
-            passed.
-        ran: Whether there was anything to run.
-        in_time: Whether it ended.
-        text: What was printed.
+        failed: The first test that failed; what happened instead if that test is not known; None if
+            all passed.
+        ran: Whether any test has run.
+        in_time: Whether the run ended before the limit.
+        text: Printed output.
     """
 
     failed: str | None
@@ -76,14 +77,14 @@ class Outcome(typing.NamedTuple):
 
 
 class Result(typing.NamedTuple):
-    """Of one fault.
+    """Result of one fault.
 
     Attributes:
         fault: The fault.
         noticed: Whether a test failed.
-        by: Which one, or what happened.
-        seconds: How long it took.
-        error: Whether nothing can be said, as the fault is stale or the tests did not end.
+        by: Name of that test, or what happened.
+        seconds: Duration of the test runs.
+        error: Whether the fault could not be tested: it is stale, or the tests did not end.
     """
 
     fault: Fault
@@ -94,12 +95,12 @@ class Result(typing.NamedTuple):
 
 
 class Copy:
-    """A copy of the tracked files of a repository, built.
+    """Copy of the tracked files of a repository, and its build.
 
     Args:
-        repo: The repository.
-        tests: The one that the tests are of.
-        timeout: Seconds for one run of tests.
+        repo: Repository to be copied.
+        tests: Repository from which the tests are taken.
+        timeout: Time limit of one run of tests (seconds).
     """
 
     def __init__(self, repo: pathlib.Path, tests: pathlib.Path, timeout: float) -> None:
@@ -123,11 +124,11 @@ class Copy:
         dealt = "--share" in (self.folder / "tests/conftest.py").read_text()
         self._share = ["--share"] if dealt else []
         shutil.rmtree(self._site, ignore_errors=True)
-        # Faults in Python are planted in this copy of what was built, without building anew.
+        # Faults in Python are planted in this copy of the build, without building again.
         shutil.copytree(self._build(), self._site)
 
     def _build(self) -> pathlib.Path:
-        """Folder of the package, built from the sources as they are."""
+        """Build the package from the unchanged sources; return its folder."""
         ask = "import pathlib, qsdolfinx; print(pathlib.Path(qsdolfinx.__file__).parents[1])"
         command = ["scripts/with-dolfinx", "python3", "-c", ask]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True)
@@ -137,7 +138,7 @@ class Copy:
 
     @contextlib.contextmanager
     def planted(self, fault: Fault | None) -> typing.Iterator[pathlib.Path]:
-        """The package's folder with a fault, or without one."""
+        """Return the folder of the package with a fault, or without one."""
         if fault is None:
             yield self._site
             return
@@ -163,9 +164,9 @@ class Copy:
         Args:
             site: Folder of the package.
             tests: Files, folders or functions; all if there are none.
-            ranks: Number of ranks.
-            first: Whether to stop at the first one that fails.
-            limit: Seconds after which they are stopped.
+            ranks: Number of MPI ranks.
+            first: Whether to stop at the first failed test.
+            limit: Seconds after which the run is stopped.
         """
         run = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
         pytest = ["python3", "-m", "pytest", "-v", "--tb=short", "-p", "no:cacheprovider", *tests]
@@ -199,12 +200,12 @@ class Copy:
         return Outcome(None if code == 0 else f"(ends with code {code})", True, True, text)
 
     def find(self, fault: Fault, whole: bool) -> tuple[str | None, str]:
-        """Which test notices a fault, and what is to be said besides.
+        """Return the test that detects a fault, and a remark.
 
         Raises:
-            StaleError: If its line is not there.
-            BuildError: If the package cannot be built with it.
-            TimeoutError: If the tests do not end, and the fault does not say so.
+            StaleError: If the line of the fault is missing.
+            BuildError: If the package with the fault cannot be built.
+            TimeoutError: If the tests do not end, and the fault is not declared to cause this.
         """
         with self.planted(fault) as site:
             for ranks, tests, said in self._stages(fault, whole):
@@ -221,7 +222,7 @@ class Copy:
     def _stages(
         self, fault: Fault, whole: bool
     ) -> typing.Iterator[tuple[int, typing.Sequence[str], str]]:
-        """Ranks and tests to try one after the other, and what is to be said of them."""
+        """Yield ranks and tests to try one after the other, and a remark about them."""
         order = sorted(RANKS, key=lambda ranks: (ranks != fault.ranks, ranks))
         order = order if self._share else [fault.ranks]
         for ranks in order:
@@ -241,14 +242,14 @@ class Copy:
 
 
 def tracked(repo: pathlib.Path) -> list[str]:
-    """Files of a repository that git knows and that are there."""
+    """Return the files of a repository that are tracked by git and exist."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=repo, capture_output=True, check=True)
     names = listed.stdout.decode().split("\0")
     return [name for name in names if name and (repo / name).is_file()]
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
-    """End a process and all that it has started."""
+    """End a process and all processes that it has started."""
     for how in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, how)
@@ -258,7 +259,7 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 
 def try_out(copy: Copy, fault: Fault, whole: bool) -> Result:
-    """Plant one fault."""
+    """Plant one fault and run its tests."""
     start = time.monotonic()
 
     def result(noticed: bool, by: str, error: bool = False) -> Result:
@@ -278,11 +279,11 @@ def try_out(copy: Copy, fault: Fault, whole: bool) -> Result:
 
 
 def check_clean(copy: Copy, faults: typing.Sequence[Fault], timeout: float) -> int:
-    """Run the tests of all faults without any, each number of ranks at once."""
+    """Run the tests of all faults without any fault, once for each number of ranks."""
     bad = 0
     for ranks in RANKS:
         tests = list(dict.fromkeys(t for f in faults for t in f.tests))
-        # A file has its functions.
+        # A file includes its functions.
         tests = [t for t in tests if "::" not in t or t.partition("::")[0] not in tests]
         if not tests:
             continue
@@ -302,19 +303,19 @@ def check_clean(copy: Copy, faults: typing.Sequence[Fault], timeout: float) -> i
 
 
 def row(result: Result) -> str:
-    """A line of the table."""
+    """Return a line of the table."""
     fault = result.fault
     cells = fault.name, f"`{fault.file}`", fault.what, str(fault.ranks), result.by
     return "| " + " | ".join((*cells, f"{result.seconds:.0f}")) + " |"
 
 
 def main() -> int:
-    """Run what the arguments ask for."""
+    """Parse the arguments, and run the faults that they select."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--list", action="store_true", help="print the faults alone")
-    parser.add_argument("--only", nargs="+", metavar="WORDS", help="faults with these in a name")
+    parser.add_argument("--list", action="store_true", help="only print the faults")
+    parser.add_argument("--only", nargs="+", metavar="WORDS", help="words in names of faults")
     parser.add_argument("--clean", action="store_true", help="run the tests without a fault")
-    parser.add_argument("--whole", action="store_true", help="try all tests with what is missed")
+    parser.add_argument("--whole", action="store_true", help="try all tests on missed faults")
     parser.add_argument("--repo", type=pathlib.Path, default=HERE.parent, help="to plant faults in")
     parser.add_argument("--tests", type=pathlib.Path, help="repository with other tests")
     parser.add_argument("--try", nargs="+", metavar="TESTS", dest="others", help="only these tests")
@@ -347,7 +348,7 @@ def main() -> int:
         results.append(try_out(copy, fault, given.whole))
         print(row(results[-1]), flush=True)
     noticed, errors = (sum(getattr(r, a) for r in results) for a in ("noticed", "error"))
-    print(f"\n{noticed} of {len(results)} noticed, {errors} of which nothing can be said.")
+    print(f"\n{noticed} of {len(results)} noticed, {errors} could not be tested.")
     return 0 if noticed == len(results) else 1
 
 

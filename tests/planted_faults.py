@@ -1,4 +1,4 @@
-"""The faults that planted.py plants: one line each, and the tests that are expected to see it."""
+"""Define the faults for planted.py: one line each, and the tests that are expected to detect it."""
 
 import typing
 
@@ -7,15 +7,16 @@ class Fault(typing.NamedTuple):
     """A fault of one line.
 
     Attributes:
-        name: What it is called.
-        file: Where it is.
-        old: Text of the line, or the part of it, that it changes; once in the file.
-        new: What takes its place.
-        what: What is wrong then.
-        tests: Where it is expected to be seen: files, or functions in them. Never single cases of a
-            function, whose names change, and of which several ranks run a share.
-        ranks: Number of ranks that it needs to be seen.
-        hangs: Whether ranks wait for each other for ever, so that no end of the tests is a sign.
+        name: Name of the fault.
+        file: File that contains the line.
+        old: Text of the line, or a part of the line, that the fault changes; occurs once in the
+            file.
+        new: Text that replaces it.
+        what: Consequence of the fault.
+        tests: Tests that are expected to detect it: files, or functions in them. No single cases of
+            a function: their names change, and several ranks run only a share of them.
+        ranks: Number of ranks needed to detect it.
+        hangs: Whether ranks wait for each other for ever, so that a time-out counts as a detection.
     """
 
     name: str
@@ -29,7 +30,7 @@ class Fault(typing.NamedTuple):
 
 
 FAULTS = [
-    # --- What is added to the matrix at once, checkpoints
+    # --- Blocks added to the matrix, checkpoints
     Fault(
         "motions of other pieces",
         "cpp/tangent/curvature.cpp",
@@ -43,7 +44,7 @@ FAULTS = [
         "cpp/tangent/curvature.cpp",
         "block_[r * n + c] = scale_[c] * H[",
         "block_[r * n + c] = H[",
-        "curvature of velocity-based bodies that finite sliding follows lacks Δt",
+        "finite sliding: curvature of velocity-based bodies lacks Δt",
         ("tests/sliding/test_tangent.py",),
     ),
     Fault(
@@ -51,7 +52,7 @@ FAULTS = [
         "qsdolfinx/system/gap_matrices.py",
         "out[:, num + k, num + k] = own",
         "out[:, num + k, num + k] = own[:, :1]",
-        "the equations of tangential multipliers have the factor of the normal ones",
+        "the equations of tangential multipliers have the factor of the normal multipliers",
         ("tests/sliding/test_tangent.py",),
     ),
     Fault(
@@ -59,7 +60,7 @@ FAULTS = [
         "qsdolfinx/steps/rendezvous.py",
         "order[np.repeat(first, count) + within]",
         "order[np.repeat(first, count)]",
-        "of several values with a key the first one comes several times",
+        "of several values with the same key the first one is returned several times",
         ("tests/steps/test_rendezvous.py",),
     ),
     Fault(
@@ -67,7 +68,7 @@ FAULTS = [
         "qsdolfinx/steps/checkpoint.py",
         'range(self._comm.rank, content["ranks"], self._comm.size)',
         'range(content["ranks"])',
-        "each rank reads every file of a checkpoint, and values come several times",
+        "each rank reads every file of a checkpoint, so that values occur several times",
         ("tests/steps/test_rendezvous.py",),
         ranks=2,
     ),
@@ -77,7 +78,7 @@ FAULTS = [
         "cpp/geometry/facet.cpp",
         "2 * (dN[a][0] * dN[b][1] + dN[a][1] * dN[b][0])",
         "4 * (dN[a][0] * dN[b][1])",
-        "mixed second derivatives of degree 2 on triangles: tangent of finite sliding alone",
+        "mixed second derivatives of degree 2 on triangles: only the tangent of finite sliding",
         ("tests/sliding/test_ray.py::test_hessian",),
     ),
     Fault(
@@ -85,7 +86,7 @@ FAULTS = [
         "cpp/geometry/projection.cpp",
         "{1 - r, r}",
         "{r, 1 - r}",
-        "nearest point of a triangle's third edge is taken from its other end",
+        "the nearest point of a triangle's third edge is measured from the wrong end",
         ("tests/pairing/test_projection.py::test_closest_point",),
     ),
     Fault(
@@ -93,7 +94,7 @@ FAULTS = [
         "cpp/search/search.cpp",
         "if (!std::lexicographical_compare(",
         "if (std::lexicographical_compare(",
-        "of facets equally far on several ranks the last one is taken, on one rank the first",
+        "of equally distant facets, several ranks take the last one, a single rank the first one",
         ("tests/pairing/test_which_facet.py::test_ties_but_for_rounding",),
         ranks=2,
     ),
@@ -102,7 +103,7 @@ FAULTS = [
         "cpp/search/way_out.cpp",
         "a.length + b.length < (1 - equal_tolerance)",
         "a.length < (1 - equal_tolerance)",
-        "the way out of an overlap leaves out the part on the other side",
+        "the visibility test of an overlap leaves out the part on the other side",
         ("tests/pairing/test_shorter_ways_out.py",),
     ),
     Fault(
@@ -110,7 +111,7 @@ FAULTS = [
         "cpp/search/winding.cpp",
         "(dot(normal[p], d) < 0 ? 1 : 0)",
         "(dot(normal[p], d) > 0 ? 1 : 0)",
-        "whether a point of self-contact is within the body counts its own facet on the wrong side",
+        "self-contact: the inside test of a point counts its own facet on the wrong side",
         ("tests/contact/test_itself.py",),
     ),
     Fault(
@@ -129,7 +130,7 @@ FAULTS = [
         "cpp/pairing/cover.cpp",
         "here[name(i)] += sums[i];",
         "here[name(i)] = sums[i];",
-        "what points of other ranks cover of a node is not added",
+        "mortar weights of a node from quadrature points of other ranks are not added",
         ("tests/gap/test_hardly_covered.py::test_what_ranks_cover_of_a_node_adds_up",),
         ranks=2,
     ),
@@ -146,7 +147,7 @@ FAULTS = [
         "cpp/gap/point_rows.cpp",
         "sum[k * size + c] += force * N[k] * motion[2 * size + c];",
         "sum[k * size + c] -= force * N[k] * motion[2 * size + c];",
-        "finite sliding: multipliers' rows where areas change, a sign of the tangent",
+        "finite sliding: sign in the tangent of the multiplier constraints where areas change",
         ("tests/sliding/test_tangent.py::test_derivative",),
     ),
     Fault(
@@ -154,7 +155,7 @@ FAULTS = [
         "cpp/gap/gap.cpp",
         "const int rank = points.slave.owner[p * ns + i];",
         "const int rank = points.slave.owner[p * ns];",
-        "pairing points are sent to the owner of a facet's first vertex alone",
+        "contact quadrature points are sent only to the owner of a facet's first vertex",
         ("tests/pairing/test_overlay.py",),
         ranks=2,
     ),
@@ -163,7 +164,7 @@ FAULTS = [
         "cpp/sliding/ray.cpp",
         "alpha == 0 ? Vec2{h11, h12} : Vec2{h12, h22}",
         "alpha == 0 ? Vec2{h11, h22} : Vec2{h22, h12}",
-        "finite sliding: tangent of friction on curved facets, two derivatives exchanged",
+        "finite sliding: two derivatives exchanged in the tangent of friction on curved facets",
         ("tests/sliding/test_ray.py::test_slip_hessian",),
     ),
     Fault(
@@ -171,7 +172,7 @@ FAULTS = [
         "cpp/tangent/insertion.cpp",
         "factor[r] = value(r) * scale[b];",
         "factor[r] = value(r) * scale[a];",
-        "tangent of a body in velocities on one in displacements: Δt of the wrong side",
+        "tangent of a velocity-based on a displacement-based body: Δt of the wrong side",
         ("tests/gap/test_velocity.py::test_finite_differences",),
     ),
     Fault(
@@ -179,7 +180,7 @@ FAULTS = [
         "cpp/tangent/friction.cpp",
         "c[i] * G.coefficient[e * d + j % d]",
         "c[i] * G.coefficient[e * d + i]",
-        "∂τ/∂λ takes the wrong component of the normal: tangent of friction alone",
+        "∂τ/∂λ takes the wrong component of the normal: only the tangent of friction",
         ("tests/friction/test_friction.py::test_finite_differences",),
     ),
     Fault(
@@ -187,7 +188,7 @@ FAULTS = [
         "cpp/parallel/exchange.cpp",
         "counts_from[sources[i]] = received[i];",
         "counts_from[sources[i]] = received[0];",
-        "all ranks are taken to send as much as the first one",
+        "all ranks are assumed to send as much as the first rank",
         ("tests/surface/test_surface.py::test_same_on_any_number_of_ranks",),
         ranks=2,
     ),
@@ -197,7 +198,7 @@ FAULTS = [
         "qsdolfinx/base/collective.py",
         "comm.size if error is None else comm.rank, digest",
         "comm.size if error is None else 0, digest",
-        "collective errors: rank 0 is taken for the one that failed",
+        "collective errors: rank 0 is assumed to be the failed rank",
         ("tests/base/test_checked.py::test_one_rank_fails_and_others_disagree",),
         ranks=3,
     ),
@@ -215,7 +216,7 @@ FAULTS = [
         "qsdolfinx/surface/surface.py",
         "        vector.scatter_forward()\n",
         "        pass\n",
-        "functions of nodal values, such as tractions, are zero at ghosts",
+        "functions with nodal values, such as tractions, are zero at ghosts",
         ("tests/surface/test_surface.py::test_functions_of_nodal_values_know_ghosts",),
         ranks=2,
     ),
@@ -233,7 +234,7 @@ FAULTS = [
         "qsdolfinx/gap/laws.py",
         "np.where(gap[:, 0] >= -touching, penalty, 0.0)",
         "np.where(gap[:, 0] > touching, penalty, 0.0)",
-        "bodies that just touch do not hold each other: tangent alone",
+        "bodies that just touch have no contact stiffness: only the tangent",
         ("tests/gap/test_at_first.py::test_touching",),
     ),
     Fault(
@@ -241,7 +242,7 @@ FAULTS = [
         "qsdolfinx/gap/extension.py",
         "for sweep in reversed(self._sweeps):",
         "for sweep in self._sweeps:",
-        "transpose of what held multipliers follow from, in the wrong order",
+        "condensation of redundant multipliers: transposed in the wrong order",
         ("tests/contact/test_held.py::test_forces_of_multipliers_that_follow",),
     ),
     Fault(
@@ -249,7 +250,7 @@ FAULTS = [
         "qsdolfinx/gap/shape_points.py",
         'H = np.einsum("fp,pi,pj,fpab->fiajb", force,',
         'H = np.einsum("fp,pi,pj,fpab->fiajb", -force,',
-        "finite sliding on round rigid tools: tangent, a sign",
+        "finite sliding on round rigid tools: a sign in the tangent",
         ("tests/sliding/test_tangent.py::test_round_tool",),
     ),
     Fault(
@@ -257,7 +258,7 @@ FAULTS = [
         "qsdolfinx/gap/friction_heat.py",
         "b[1].axpy(1 - self._share, into[1])",
         "b[1].axpy(self._share, into[1])",
-        "the master gets the slave's share of the heat of friction",
+        "the master gets the slave's share of the frictional heat",
         ("tests/contact/test_scalar.py::test_heat_of_friction",),
     ),
     # --- friction
@@ -274,7 +275,7 @@ FAULTS = [
         "qsdolfinx/gap/facet_cutter.py",
         "before[:, gdim] - turn @ now[:, gdim]",
         "before[:, gdim] - now[:, gdim]",
-        "finite sliding: slip on a rigid tool that turns away from its centre",
+        "finite sliding: slip on a rigid tool that rotates, away from its centre",
         ("tests/sliding/test_turning.py::test_with_friction_on_a_tool",),
     ),
     # --- contact
@@ -283,7 +284,7 @@ FAULTS = [
         "qsdolfinx/contact/coupling.py",
         "(self._at_points[i], -of_g * opened)",
         "(self._at_points[i], -of_g)",
-        "∂h/∂g also where the distance is none: tangent of conductance alone",
+        "∂h/∂g is not zero at zero distance: only the tangent of conductance",
         ("tests/contact/test_scalar.py::test_tangent",),
     ),
     Fault(
@@ -291,7 +292,7 @@ FAULTS = [
         "qsdolfinx/contact/motion.py",
         "tool = np.zeros_like(slip.state.start) if moved is None else -slip.change(moved)",
         "tool = np.zeros_like(slip.state.start) if moved is None else slip.change(moved)",
-        "slip in a step counts the tool's way so far twice",
+        "slip in a step counts the previous displacement of the tool twice",
         ("tests/friction/test_friction_rigid.py::test_steps",),
     ),
     # --- system, linear
@@ -300,7 +301,7 @@ FAULTS = [
         "qsdolfinx/system/body.py",
         "            self._b.scatter_reverse(la.InsertMode.add)\n",
         "            pass\n",
-        "forces that other ranks' cells put on a node are left out",
+        "nodal forces from cells of other ranks are left out",
         ("tests/solve/test_problem.py",),
         ranks=2,
     ),
@@ -317,7 +318,7 @@ FAULTS = [
         "qsdolfinx/linear/condensed.py",
         "out[self.bubbles] = self._z.array_r - self._y.array_r",
         "out[self.bubbles] = self._z.array_r + self._y.array_r",
-        "preconditioner of flow: bubbles follow their vertices the wrong way; iterations alone",
+        "preconditioner of flow: wrong sign of the bubble correction; only iterations",
         ("tests/linear/test_schur.py::test_bubbles_are_eliminated_exactly",),
     ),
     Fault(
@@ -325,7 +326,7 @@ FAULTS = [
         "qsdolfinx/linear/soft_motions.py",
         "left = self._system.comm.allreduce(self._motions @ residual, op=MPI.SUM)",
         "left = self._motions @ residual",
-        "what iterative solvers leave along free motions is taken from one rank's unknowns",
+        "residuals of iterative solvers along free rigid motions use one rank's unknowns only",
         ("tests/linear/test_multigrid.py", "tests/linear/test_soft_motions.py"),
         ranks=2,
     ),
@@ -335,7 +336,7 @@ FAULTS = [
         "qsdolfinx/steps/checkpoint.py",
         "np.sort(nodes[:, vertices], axis=1)",
         "nodes[:, vertices]",
-        "checkpoints: edges are known by their vertices as a partition orders them",
+        "checkpoints: edges are identified by vertices in an order that depends on the partition",
         ("tests/steps/test_checkpoint.py::test_functions",),
         ranks=2,
     ),
@@ -344,7 +345,7 @@ FAULTS = [
         "qsdolfinx/steps/tool_motion.py",
         "part * (done.displacement + tool.displacement) - done.displacement",
         "part * (done.displacement + tool.displacement)",
-        "where tools are paired within a step of flow: what they have made is made again",
+        "contact detection within a step of flow: the past motion of tools is applied again",
         ("tests/steps/test_stepper.py::test_pairing_in_the_middle_of_the_step",),
     ),
     Fault(
@@ -352,7 +353,7 @@ FAULTS = [
         "qsdolfinx/steps/staggered.py",
         '        """Go back to where the step began."""\n        self.begin()',
         '        """Go back to where the step began."""\n        self.accept()',
-        "a step that is cut back keeps the temperatures of the failed attempt",
+        "after a cut-back the temperatures of the failed attempt are kept",
         ("tests/steps/test_staggered.py::test_what_ends_a_step_after_the_heat_leaves_no_trace",),
     ),
     # --- remeshing
@@ -361,7 +362,7 @@ FAULTS = [
         "qsdolfinx/remeshing/bounded.py",
         "        vec.ghostUpdate(PETSc.InsertMode.INSERT_VALUES, PETSc.ScatterMode.FORWARD)\n",
         "",
-        "new meshes: bounds of values in cells beside other ranks are too narrow",
+        "remeshing: bounds of values in cells at other ranks' cells are too narrow",
         ("tests/remeshing/test_transfer.py",),
         ranks=3,
     ),
@@ -370,7 +371,7 @@ FAULTS = [
         "qsdolfinx/remeshing/surface_values.py",
         "degree = 2 * new.shape_degree(1) + new.area_degree",
         "degree = 2 * new.shape_degree(1) - 1",
-        "new meshes: multipliers go over with a rule that is not exact",
+        "remeshing: multipliers are transferred with an inexact quadrature",
         ("tests/remeshing/test_surface_values.py",),
     ),
     # --- tools, output
@@ -379,7 +380,7 @@ FAULTS = [
         "qsdolfinx/tools/pose.py",
         "step @ self.t + motion.b",
         "self.t + motion.b",
-        "rigid tools that have been moved turn about the wrong place",
+        "rigid tools that have been moved rotate about the wrong point",
         ("tests/tools/test_rigid_motion.py::test_position",),
     ),
     Fault(
@@ -387,7 +388,7 @@ FAULTS = [
         "qsdolfinx/output/history.py",
         'float(line["t"]) < t]',
         'float(line["t"]) <= t]',
-        "tables that are continued have the first new time twice",
+        "continued tables contain the first new time twice",
         ("tests/output/test_output.py::test_history",),
     ),
     # --- materials
@@ -412,7 +413,7 @@ FAULTS = [
         "cpp/sliding/motion.cpp",
         "const Vec2 lever = its - middle, u = t - s;",
         "const Vec2 lever = middle - its, u = t - s;",
-        "finite sliding: how the middle of a piece moves with its corners",
+        "finite sliding: motion of a segment's middle with its corners",
         ("tests/sliding/test_tangent.py::test_derivative",),
     ),
     Fault(
@@ -420,7 +421,7 @@ FAULTS = [
         "cpp/sliding/motion.cpp",
         "append(cut.q[a] + s * t, out);",
         "append(cut.q[b] + s * t, out);",
-        "finite sliding: where corners of pieces are for their motion",
+        "finite sliding: positions of segment corners for their motion",
         ("tests/sliding/test_tangent.py::test_derivative",),
     ),
     Fault(
@@ -428,7 +429,7 @@ FAULTS = [
         "cpp/sliding/motion.cpp",
         "at[0] += N[i] / r;",
         "at[0] -= N[i] / r;",
-        "finite sliding, axisymmetric: how areas grow with the radius",
+        "finite sliding, axisymmetric: growth of areas with the radius",
         ("tests/sliding/test_tangent.py::test_rings",),
     ),
     Fault(
@@ -436,7 +437,7 @@ FAULTS = [
         "cpp/sliding/ray.cpp",
         "normal.add_to(-1 * tau, &turn[3 * columns.along]);",
         "normal.add_to(1 * tau, &turn[3 * columns.along]);",
-        "finite sliding: tractions turn the wrong way in the tangent",
+        "finite sliding: tractions rotate in the wrong direction in the tangent",
         ("tests/sliding/test_ray.py::test_slip_hessian",),
     ),
     Fault(
@@ -444,7 +445,7 @@ FAULTS = [
         "cpp/gap/point_rows.cpp",
         "+ c] -= leaning[p] * turn[",
         "+ c] += leaning[p] * turn[",
-        "finite sliding: how tangential parts of multipliers turn, a sign of the tangent",
+        "finite sliding: sign in the tangent of the rotation of tangential multipliers",
         ("tests/sliding/test_tangent.py::test_friction",),
     ),
     Fault(
@@ -452,7 +453,7 @@ FAULTS = [
         "cpp/sliding/rise.cpp",
         "add(&slope.by_nodes[3 * (columns.other + j)], -1 / along, m);",
         "add(&slope.by_nodes[3 * (columns.other + j)], 1 / along, m);",
-        "finite sliding: tangent of corners, how the surface before them rises",
+        "finite sliding: tangent at corners, slope of the opposite surface",
         ("tests/sliding/test_vertices.py::test_derivative",),
     ),
     Fault(
@@ -460,7 +461,7 @@ FAULTS = [
         "qsdolfinx/gap/vertex_normals.py",
         'np.einsum("fkab,fjbc->fkajc", across, by)',
         'np.einsum("fkab,fjbc->fkajc", -across, by)',
-        "finite sliding: tangent of corners, how normals turn with all facets",
+        "finite sliding: tangent at corners, rotation of normals with all facets",
         ("tests/sliding/test_vertices.py::test_derivative",),
     ),
     Fault(
@@ -468,7 +469,7 @@ FAULTS = [
         "qsdolfinx/gap/weighted_gap.py",
         "state.vertices = np.where(bears, before, state.vertices)",
         "state.vertices = np.where(bears, 2 * before, state.vertices)",
-        "finite sliding: steps begin with other areas of corners that bear",
+        "finite sliding: steps start with wrong areas of active corners",
         ("tests/sliding/test_vertices.py::test_vertices_that_bear_keep_their_points",),
     ),
 ]

@@ -1,4 +1,4 @@
-"""Bodies that are meshed anew, for the tests."""
+"""Bodies with remeshing, for the tests."""
 
 import numpy as np
 from forming_bodies import NortonHoff, quarter_cylinder
@@ -14,7 +14,7 @@ R, H, K = 10.0, 15.0, 50.0
 
 
 def tagged(msh, planes):
-    """Tags 1, 2, … of the boundary facets in planes x[axis] = value."""
+    """Make tags 1, 2, … of the boundary facets in planes x[axis] = value."""
     dim = msh.topology.dim - 1
     found = [
         mesh.locate_entities_boundary(msh, dim, lambda x, a=a, c=c: np.isclose(x[a], c))
@@ -35,13 +35,13 @@ def volume(msh):
 
 
 def area(made, tag):
-    """Area of the facets of a new mesh with a tag."""
+    """Return the area of the facets of a new mesh with a tag."""
     ds = ufl.Measure("ds", domain=made.mesh, subdomain_data=made.facet_tags)
     return integral(fem.Constant(made.mesh, 1.0) * ds(tag), made.mesh.comm)
 
 
 def nodes_on(made, tag):
-    """Coordinates of this rank's nodes on the facets with a tag, shape (nodes, 3)."""
+    """Return the coordinates of this rank's nodes on the facets with a tag, shape (nodes, 3)."""
     msh, dim = made.mesh, made.mesh.topology.dim - 1
     facets = made.facet_tags.find(tag)
     if len(facets) == 0:
@@ -51,7 +51,7 @@ def nodes_on(made, tag):
 
 
 def all_nodes(msh):
-    """Coordinates of all nodes by their input numbers, on every rank."""
+    """Return the coordinates of all nodes by their input numbers, on every rank."""
     owned = msh.geometry.index_map().size_local
     number = msh.geometry.input_global_indices[:owned]
     parts = msh.comm.allgather((number, msh.geometry.x[:owned]))
@@ -64,7 +64,7 @@ def num_cells(msh):
 
 
 def bump(msh, phase, height):
-    """Push waves over a quarter of a body; its planes x = 0, y = 0 and z = 0 stay planes."""
+    """Deform a quarter of a body by waves; its planes x = 0, y = 0 and z = 0 stay planes."""
     x = msh.geometry.x
     r, angle = np.hypot(x[:, 0], x[:, 1]), np.arctan2(x[:, 1], x[:, 0])
     wave = 1 + 0.03 * np.cos(2 * angle) * np.sin(phase + x[:, 2])
@@ -80,15 +80,15 @@ class Upset:
     """A Norton-Hoff billet between rigid planes, axisymmetric or a quarter in 3D.
 
     Args:
-        dim: 2 or 3.
-        size: Of cells.
-        friction: Called for each contact; by default none.
-        num_steps: Until the reduction.
-        reduction: Of the height.
+        dim: Dimension, 2 or 3.
+        size: Size of cells.
+        friction: Function that makes the friction law of each contact; by default none.
+        num_steps: Number of steps until the reduction.
+        reduction: Reduction of the height.
         comm: Communicator.
         remesh: Options of qs.Remeshing; None for no remeshing.
-        meshes: Mesh and tags to begin with, lists of one each; None for simple ones.
-        stepping: For the TimeStepper.
+        meshes: Initial mesh and tags, lists of one each; None for simple meshes.
+        stepping: Arguments of the TimeStepper.
     """
 
     def __init__(
@@ -174,7 +174,7 @@ class Upset:
         self.strain.x.array[:] += self.stepper.last_dt * rate.x.array
 
     def run(self):
-        """Force on the upper tool after each step."""
+        """Run all steps; return the force on the upper tool after each step."""
         forces = []
         for _ in self.stepper.run(self.t_end):
             self.add_strain()

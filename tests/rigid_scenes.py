@@ -1,4 +1,4 @@
-"""Rigid tools and blocks that are pressed by them, for the tests."""
+"""Rigid tools, and blocks that they press, for the tests."""
 
 import numpy as np
 from scenes import WORLD, box, elastic, largest, plane, slide
@@ -11,7 +11,7 @@ E, NU = 7.0, 0.3
 
 
 class Pressed:
-    """A block that may slide on all its sides, and a tool of some kind at its upper face."""
+    """A block that may slide on all its sides, with a tool of some kind on its upper face."""
 
     def __init__(
         self, cell, tool, n=3, degree=1, comm=WORLD, held=True, nu=NU, uneven=0.08, **options
@@ -20,7 +20,7 @@ class Pressed:
         self.gdim = gdim = 2 if cell in ("triangle", "quadrilateral") else 3
         self.axis = gdim - 1
         self.mesh = box(comm, [n] * gdim, cell, [0.0] * gdim, [1.0] * gdim)
-        x = self.mesh.geometry.x  # uneven facets, on which uniform stress is as exact
+        x = self.mesh.geometry.x  # uneven facets, for which uniform stress is exact as well
         x[:, 0] += uneven * np.sin(np.pi * x[:, 0]) * np.cos(4 * x[:, 1]) * x[:, self.axis]
         self.V = fem.functionspace(self.mesh, ("Lagrange", degree, (gdim,)))
         self.u = fem.Function(self.V)
@@ -35,12 +35,12 @@ class Pressed:
 
     @property
     def modulus(self):
-        """Stress over strain, uniaxial; plane strain in 2D."""
+        """Return the ratio of stress to strain, uniaxial; plane strain in 2D."""
         return E / (1 - self.nu**2) if self.gdim == 2 else E
 
     @property
     def compliance(self):
-        """1/ε of a penalty, in series with the block."""
+        """Return the compliance 1/ε of a penalty, in series with the block."""
         return 0.0 if self.contact.model.augmented else 1 / self.contact.penalty
 
     def is_uniform(self, depth):
@@ -66,14 +66,14 @@ class Pressed:
 
 
 def flat(comm, gdim):
-    """The half-space above the block."""
+    """Make the plane that bounds the half-space above the block."""
     point, normal = np.full(gdim, 0.5), np.zeros(gdim)
     point[-1], normal[-1] = 1.0, -2.0
     return qs.RigidSurface.plane(comm, point, normal)
 
 
 def flat_facets(comm, gdim):
-    """The same plane in triangles or segments, beyond the block on all sides."""
+    """Make the same plane of triangles or segments that extend beyond the block on all sides."""
     n, rng = 4, np.random.default_rng(5)
     s = np.linspace(-1.0, 2.0, n + 1)
     if gdim == 2:
@@ -88,7 +88,7 @@ def flat_facets(comm, gdim):
 
 
 def grid_cells(n, gdim):
-    """Facets of a structured grid, outward to -z (2D: to the right of the segments)."""
+    """Return facets of a structured grid, outward to -z (2D: to the right of the segments)."""
     i = np.arange(n)
     if gdim == 2:
         return np.stack([i, i + 1], axis=1)
@@ -99,7 +99,7 @@ def grid_cells(n, gdim):
 
 
 def sphere_facets(comm, n, center, radius):
-    """The lower part of a sphere or circle around the pole, n facets across."""
+    """Make the lower part of a sphere or circle around the pole, n facets across."""
     gdim = len(center)
     s = np.linspace(-1.0, 1.0, n + 1)
     flat_x = s[:, None] if gdim == 2 else np.stack([*map(np.ravel, np.meshgrid(s, s))], axis=1)
@@ -109,7 +109,7 @@ def sphere_facets(comm, n, center, radius):
 
 
 def write_stl(filename, corners, binary):
-    """An STL file of triangles, shape (triangles, 3, 3)."""
+    """Write an STL file of triangles, shape (triangles, 3, 3)."""
     if binary:
         record = np.dtype([("normal", "<f4", 3), ("x", "<f4", (3, 3)), ("attribute", "<u2")])
         data = np.zeros(len(corners), record)

@@ -1,4 +1,4 @@
-"""Meshes, bodies and contacts that the tests are made of."""
+"""Meshes, bodies and contacts from which the tests are built."""
 
 import contextlib
 
@@ -20,7 +20,7 @@ WORLD = MPI.COMM_WORLD
 
 
 def allowed(formulations, options):
-    """Pairs of a formulation and a key of the options that may be used together."""
+    """Return the pairs of a formulation and a key of the options that may be combined."""
     return [
         (formulation, key)
         for formulation in formulations
@@ -30,7 +30,7 @@ def allowed(formulations, options):
 
 
 def dealt(ranks_of):
-    """Partitioner that puts all cells together on ``ranks_of(number of cells, size)``."""
+    """Make a partitioner that puts all cells on rank ``ranks_of(number of cells, size)``."""
 
     def partition(comm, size, types, cells):
         count = len(cells[0]) // len(basix.topology(basix.CellType[types[0].name])[0])
@@ -43,11 +43,11 @@ def dealt(ranks_of):
 
 
 def spread(rank_of):
-    """Partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
+    """Make a partitioner that puts a cell at position p in [0, 1) on ``rank_of(p, size)``."""
     return dealt(lambda total, size: [rank_of(i / total, size) for i in range(total)])
 
 
-#: How cells can be spread over ranks: in order, backwards, one by one, and all on one rank.
+#: Partitions of cells over ranks: in order, backwards, one by one, and all on one rank.
 PARTITIONS = {
     "forward": spread(lambda p, size: int(p * size)),
     "backward": spread(lambda p, size: size - 1 - int(p * size)),
@@ -58,19 +58,19 @@ PARTITIONS = {
 
 
 def box(comm, n, cell, low, high, partition=None):
-    """Structured mesh; n counts the cells along each axis."""
+    """Make a structured mesh; n is the number of cells along each axis."""
     create = mesh.create_rectangle if len(n) == 2 else mesh.create_box
     options = {} if partition is None else {"partitioner": PARTITIONS[partition]}
     return create(comm, [low, high], list(n), mesh.CellType[cell], **options)
 
 
 def create_mesh(cells, x, domain, comm=WORLD, **options):
-    """dolfinx.mesh.create_mesh, the order of whose arguments differs between versions."""
+    """Call dolfinx.mesh.create_mesh, whose order of arguments differs between versions."""
     return mesh.create_mesh(comm, cells=cells.astype(np.int64), x=x, e=domain, **options)
 
 
 def blocks(*boxes):
-    """Cubes that do not touch, as one mesh; boxes are pairs of corners."""
+    """Mesh separate cubes as one mesh; boxes are pairs of corners."""
     gdim = len(boxes[0][0])
     corners = np.array([[(i >> k) & 1 for k in range(gdim)] for i in range(2**gdim)])
     x = [np.where(corners, high, low) for low, high in boxes]
@@ -83,7 +83,7 @@ def blocks(*boxes):
 
 
 def curved_triangle():
-    """A triangle whose sides are of degree 2, on rank 0."""
+    """Make a triangle whose sides are of degree 2, on rank 0."""
     points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0.0]])
     domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 2, shape=(2,)))
     mine = slice(None) if WORLD.rank == 0 else slice(0)
@@ -91,7 +91,7 @@ def curved_triangle():
 
 
 def elevated(msh, degree=2):
-    """The same cells with a geometry of another degree, on the ranks that have them."""
+    """Make the same cells with a geometry of another degree, on the ranks that own them."""
     gdim, comm = msh.geometry.dim, msh.comm
     V = fem.functionspace(msh, ("Lagrange", degree, (gdim,)))
     owned = V.dofmap.index_map.size_local
@@ -111,13 +111,13 @@ def elevated(msh, degree=2):
 
 
 def plane(msh, axis, value):
-    """Boundary facets in a plane across an axis."""
+    """Return the boundary facets in a plane normal to an axis."""
     fdim = msh.topology.dim - 1
     return mesh.locate_entities_boundary(msh, fdim, lambda x: np.isclose(x[axis], value))
 
 
 def clamp(V, facets, value=None):
-    """Dirichlet condition on all components."""
+    """Make a Dirichlet condition on all components."""
     value = np.zeros(V.mesh.geometry.dim) if value is None else np.asarray(value, dtype=np.float64)
     return fem.dirichletbc(
         value, fem.locate_dofs_topological(V, V.mesh.topology.dim - 1, facets), V
@@ -125,19 +125,19 @@ def clamp(V, facets, value=None):
 
 
 def slide(V, axis, facets, value=0.0):
-    """Dirichlet condition on one component."""
+    """Make a Dirichlet condition on one component."""
     component = V.sub(axis)
     dofs = fem.locate_dofs_topological(component, V.mesh.topology.dim - 1, facets)
     return fem.dirichletbc(fem.Constant(V.mesh, float(value)), dofs, component)
 
 
 def vector_space(msh):
-    """P1 or Q1 displacements."""
+    """Make a space of P1 or Q1 displacements."""
     return fem.functionspace(msh, ("Lagrange", 1, (msh.geometry.dim,)))
 
 
 def mini_space(msh):
-    """P1 displacements with a cell bubble."""
+    """Make a space of P1 displacements with a cell bubble."""
     cell, gdim = msh.basix_cell(), msh.geometry.dim
     p1 = basix.ufl.element("Lagrange", cell, 1)
     bubble = basix.ufl.element("Bubble", cell, gdim + 1)
@@ -146,7 +146,7 @@ def mini_space(msh):
 
 
 def elastic(u, E=1.0, nu=0.3, force=None):
-    """Residual of linear elasticity (plane strain in 2D)."""
+    """Return the residual of linear elasticity (plane strain in 2D)."""
     v = ufl.TestFunction(u.function_space)
     return elastic_form(u, v, E, nu, force)
 
@@ -164,7 +164,7 @@ def elastic_form(u, v, E=1.0, nu=0.3, force=None):
 
 
 def random_values(msh, amplitude, seed, dim):
-    """Displacement per lattice position, the same on every partition: a sum of smooth waves."""
+    """Return displacements at lattice positions, the same on every partition: a sum of waves."""
     rng = np.random.default_rng(seed)
     waves = rng.normal(size=(8, 3)) * 6
     phases = rng.random((8, dim)) * 2 * np.pi
@@ -212,7 +212,7 @@ class Pair:
             surfaces.append(qs.Surface(V, facets=contact))
         self.master, self.slave = surfaces
         law = qs.Unilateral() if law is None else law
-        options = {"smoothing": "none"} | (contact_options or {})  # facets as they are
+        options = {"smoothing": "none"} | (contact_options or {})  # no smoothing of facets
         self.contact = qs.Contact(
             self.slave, self.master, formulation=formulation, law=law, penalty=penalty, **options
         )
@@ -222,7 +222,7 @@ class Pair:
 
 
 def drag_top(pair, shift, press=-0.1):
-    """Set the displacement of the upper block's top, along x and up."""
+    """Set the displacement of the upper block's top, along x and upwards."""
     top = plane(pair.meshes[1], pair.gdim - 1, 1.0)
     value = np.zeros(pair.gdim)
     value[0], value[-1] = shift, press
@@ -230,22 +230,22 @@ def drag_top(pair, shift, press=-0.1):
 
 
 def all_facets(surface):
-    """Vertex coordinates of the facets of all ranks, shape (facets, vertices, 3). Collective."""
+    """Return the facet vertices of all ranks, shape (facets, vertices, 3). Collective."""
     msh, fdim = surface.mesh, surface.mesh.topology.dim - 1
     msh.topology.create_connectivity(fdim, fdim + 1)
     vertices = np.zeros((0, surface.num_facet_vertices), dtype=np.int32)
-    if len(surface.facets):  # DOLFINx divides by their number
+    if len(surface.facets):  # DOLFINx divides by the number of cells
         vertices = mesh.entities_to_geometry(msh, fdim, surface.facets)
     return gathered(surface.comm, msh.geometry.x[vertices])
 
 
 def gathered(comm, values):
-    """Values of all ranks, on every rank."""
+    """Gather the values of all ranks on every rank."""
     return np.concatenate(comm.allgather(values))
 
 
 def raises_everywhere(comm, error, match, call):
-    """Assert that every rank raises this error; returns it."""
+    """Assert that every rank raises this error, and return it."""
     try:
         call()
         found = None
@@ -259,14 +259,14 @@ def raises_everywhere(comm, error, match, call):
 
 
 def largest(*arrays):
-    """Largest absolute value on all ranks."""
+    """Return the largest absolute value on all ranks."""
     local = max(float(np.abs(a).max(initial=0.0)) for a in arrays)
     return WORLD.allreduce(local, op=MPI.MAX)
 
 
 @contextlib.contextmanager
 def spread_cells(monkeypatch, partition):
-    """Let DOLFINx's boxes and rectangles be partitioned in this way inside the block."""
+    """Set the partitioner of DOLFINx's boxes and rectangles inside the block."""
 
     def spread(function):
         return lambda *args: function(*args, partitioner=PARTITIONS[partition])

@@ -1,4 +1,4 @@
-"""A block with slanted sides, which weighted gaps let sink into a plane with its corners."""
+"""A block with slanted sides; with weighted gaps its corners sink into a plane."""
 
 import numpy as np
 from scenes import WORLD, box, clamp, elastic, plane, vector_space
@@ -9,17 +9,17 @@ import qsdolfinx as qs
 
 
 def slanted_block(gdim=2, n=8, tool="plane", finite=False, **options):
-    """A block that widens upwards by 0.5 per unit height, bottom and sides in contact.
+    """A block that widens upwards by 0.5 per unit height; its bottom and sides are in contact.
 
     Args:
-        gdim: Of space.
-        n: Cells along each axis.
-        tool: ``"plane"``, or the same of ``"facets"``.
-        finite: Whether gaps follow the block.
-        options: For the contact.
+        gdim: Dimension of space.
+        n: Number of cells along each axis.
+        tool: ``"plane"``, or the same plane made of ``"facets"``.
+        finite: Whether the gaps are those of the deformed block.
+        options: Options of the contact.
 
     Returns:
-        The contact, and how deep the deepest node is below the plane.
+        Return the contact, and the depth of the deepest node below the plane.
     """
     low, high, up = [-0.5] * (gdim - 1) + [0.0], [0.5] * (gdim - 1) + [1.0], gdim - 1
     if gdim == 2:

@@ -1,4 +1,4 @@
-"""A block with a slot or a closed slit, whose two arms come to touch each other."""
+"""A block with a slot or a closed slit, whose two arms come into contact."""
 
 import numpy as np
 from following import Body, create, problem_of
@@ -6,10 +6,10 @@ from scenes import plane
 
 import qsdolfinx as qs
 
-#: Width of the root that joins the arms, length, height of each arm, depth in 3D.
+#: Width of the root that joins the arms; length and height of each arm; depth in 3D.
 ROOT, LENGTH, HEIGHT, DEPTH = 0.3, 1.2, 0.4, 0.5
 
-#: Simplices of a square and of a cube, corners in tensor order: along the diagonals.
+#: Simplices of a square and of a cube along the diagonals; corners in tensor order.
 TRIANGLES = [(0, 1, 3), (0, 2, 3)]
 TETRAHEDRA = [
     (0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7),
@@ -17,9 +17,9 @@ TETRAHEDRA = [
 
 
 def slotted_mesh(cell, n=(5, 7), rows=2, gap=0.0, across=2):
-    """Arms of n cells each, which do not match, from ROOT to LENGTH; across cells in depth.
+    """Mesh two arms that do not match, of n cells each from ROOT to LENGTH; across cells in depth.
 
-    The slot is from y = 0 to the gap; 0 for a slit.
+    The slot is from y = 0 to y = gap; gap = 0 makes a slit.
     """
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     root, numbers, x, cells = np.linspace(0, ROOT, 3), {}, [], []
@@ -59,7 +59,7 @@ def slotted_mesh(cell, n=(5, 7), rows=2, gap=0.0, across=2):
 
 
 class Slotted:
-    """The block, its bottom clamped; with a slot its top is, too, to be moved."""
+    """The block, clamped at its bottom; with a slot the top is clamped, too, and can be moved."""
 
     def __init__(self, cell="quadrilateral", gap=0.1, degree=1, **options):
         self.mesh = slotted_mesh(cell, gap=gap, **options)
@@ -71,7 +71,7 @@ class Slotted:
             self.moved = self.body.clamp(self.top)
 
     def face(self, y):
-        """Facets of the slot at that height."""
+        """Return the facets of the slot at a height."""
         return self.body.boundary(
             lambda x: np.isclose(x[1], y) & (x[0] > ROOT - 1e-9) & (np.abs(x[1]) < HEIGHT / 2)
         )
@@ -82,14 +82,14 @@ class Slotted:
         return self.body.boundary(lambda x: np.full(x.shape[1], True))
 
     def itself(self, facets=None, **options):
-        """Contact with itself of some facets, by default of both faces of the slot."""
+        """Make the self-contact of some facets, by default of both faces of the slot."""
         if facets is None:
             facets = np.union1d(self.face(0.0), self.face(self.gap))
         surface = self.body.surface(facets)
         return qs.Contact(surface, surface, **options)
 
     def of_two(self, **options):
-        """The same, of two surfaces: the lower one is the slave."""
+        """Make the contact of the two faces as two surfaces; the lower one is the slave."""
         slave, master = (self.body.surface(self.face(y)) for y in (0.0, self.gap))
         return qs.Contact(slave, master, **options)
 

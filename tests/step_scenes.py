@@ -13,13 +13,13 @@ K, SPEED = 3.0, 1.0
 
 
 class Upset:
-    """A Newtonian block, 1 × 1, plane strain, between rigid planes that it slides on.
+    """A Newtonian block, 1 × 1, plane strain, between rigid planes without friction.
 
     Args:
-        die: Whether an elastic die takes the place of the lower plane.
-        held: Whether x = 0 is a plane of symmetry; nothing but contact holds the block otherwise.
-        stepping: For the TimeStepper.
-        contact: For the contacts.
+        die: Whether an elastic die replaces the lower plane.
+        held: Whether x = 0 is a plane of symmetry; otherwise only contact supports the block.
+        stepping: Arguments of the TimeStepper.
+        contact: Arguments of the contacts.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Upset:
         self.tool.displacement = [0.0, -SPEED * dt]
 
     def size(self):
-        """Width and height of the block, which stays a rectangle between planes. Collective."""
+        """Return width and height of the block, which stays a rectangle. Collective."""
         x = self.mesh.geometry.x
         comm = self.mesh.comm
         return np.ptp(np.concatenate(comm.allgather(x[:, :2])), axis=0)
@@ -81,7 +81,7 @@ class Upset:
         return np.concatenate([c.force("slave") for c in self.contacts])
 
     def state(self):
-        """All that a failed step must leave as it was."""
+        """Return all values that a failed step must leave unchanged."""
         arrays = [u.x.array for u in self.u] + [u.function_space.mesh.geometry.x for u in self.u]
         arrays += [m for c in self.contacts for m in multipliers.on_nodes(c.model.parts)]
         arrays += [self.tool.position, self.tool.displacement]
@@ -89,11 +89,11 @@ class Upset:
 
 
 def same(first, second):
-    """Whether two states are equal, bit by bit, on all ranks."""
+    """Return whether two states are equal, bit by bit, on all ranks."""
     equal = all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
     return WORLD.allreduce(int(not equal)) == 0
 
 
 def refuse(*history):
-    """Raise what a solver that does not converge raises."""
+    """Raise the error of a solver that does not converge."""
     raise qs.ConvergenceError(-5, list(history), [])

@@ -1,4 +1,4 @@
-"""The one check of tangents: they are what central differences of the residual are."""
+"""Check tangents: they must equal central differences of the residual."""
 
 import typing
 
@@ -8,7 +8,7 @@ from qsdolfinx.friction import filled
 
 
 def near_solution(problem, rng, amplitude):
-    """Unknowns beside the solution, the same on any partition; conditions hold. Collective."""
+    """Return unknowns near the solution, the same on any partition; conditions hold. Collective."""
     x = problem.system.x.copy()
     for body, part in zip(problem.bodies, problem.system.parts(x.array), strict=True):
         gdim = body.V.mesh.geometry.dim
@@ -20,7 +20,7 @@ def near_solution(problem, rng, amplitude):
 
 
 def direction(problem, rng):
-    """Random change of the unknowns that have no Dirichlet condition. Collective."""
+    """Return a random change of the unknowns that have no Dirichlet condition. Collective."""
     d = problem.system.x.duplicate()
     low, high = d.owner_range
     d.array[:] = rng.normal(size=d.size)[low:high]
@@ -30,11 +30,11 @@ def direction(problem, rng):
 
 
 class Errors(typing.NamedTuple):
-    """Of the tangent K in a direction d, relative to |K d|.
+    """Errors of the tangent K in a direction d, relative to |K d|.
 
     Attributes:
         difference: |K d − (R(x + h d) − R(x − h d)) / 2h|.
-        asymmetry: |K d − Kᵀ d|, of the unknowns that have no Dirichlet condition.
+        asymmetry: |K d − Kᵀ d|, for the unknowns that have no Dirichlet condition.
     """
 
     difference: float
@@ -42,7 +42,7 @@ class Errors(typing.NamedTuple):
 
 
 def tangent_errors(problem, x, d, step):
-    """Check the tangent at x, where the problem is left. Collective."""
+    """Check the tangent at x; the problem is left in this state. Collective."""
     system = problem.system
     system.residual(x.array_r)
     matrix = system.tangent(x.array_r)
@@ -60,9 +60,9 @@ def tangent_errors(problem, x, d, step):
 
 
 def on_edge(equations, z, seed=3):
-    """The same unknowns with λ such that all rows of friction that jumps are on the edge.
+    """Return unknowns with λ such that all friction constraints with a jump are on the edge.
 
-    There τ·d + a y_n is a part from 0.1 to 0.9 of what the law answers. Collective.
+    There τ·d + a y_n is between 0.1 and 0.9 of the traction of the law. Collective.
     """
     z = z.copy()
     at, rng = equations.evaluate(z), np.random.default_rng((seed, equations.system.comm.rank))

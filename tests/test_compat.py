@@ -1,4 +1,4 @@
-"""What qsdolfinx.compat returns is what its name says, whatever the version of DOLFINx."""
+"""Test that the functions of qsdolfinx.compat do what their names say in every DOLFINx version."""
 
 import gmsh
 import numpy as np
@@ -11,7 +11,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx import compat
 
-#: Unknowns inside a vertex, edge, ... of a cell in a space of degree 2.
+#: Number of unknowns inside a vertex, edge, ... of a cell in a space of degree 2.
 QUADRATIC = {
     "triangle": [1, 1, 0],
     "quadrilateral": [1, 1, 1],
@@ -27,7 +27,7 @@ def domain(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_cell_nodes(cell):
-    """The mean of a cell's nodes is its midpoint; the layout has a place for each of them."""
+    """The mean of a cell's nodes is its midpoint; the dof layout has an entry for each node."""
     msh = domain(cell)
     tdim = msh.topology.dim
     cells = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
@@ -49,7 +49,7 @@ def test_num_entity_dofs(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_collapse(cell):
-    """A function of the whole has its part's values at the places, ghosts included."""
+    """A function on the whole mesh has the values of the function on the part, ghosts included."""
     msh = domain(cell)
     velocity = basix.ufl.element("Lagrange", msh.basix_cell(), 2, shape=(msh.geometry.dim,))
     pressure = basix.ufl.element("Lagrange", msh.basix_cell(), 1)
@@ -67,7 +67,7 @@ def test_collapse(cell):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_interpolation_points(cell):
-    """One in the middle of the cell for a constant in each cell; ∫x dx of them is exact."""
+    """A constant per cell has one point, in the middle of the cell; ∫x dx is exact with it."""
     msh = domain(cell)
     V = fem.functionspace(msh, ("DG", 0))
     u = fem.Function(V)
@@ -96,7 +96,7 @@ def test_model_to_mesh():
 
 
 def test_prisms_are_refused():
-    """By name; DOLFINx 0.9 ends with a KeyError on one rank."""
+    """An error names the argument; DOLFINx 0.9 ends with a KeyError on one rank."""
     gmsh.initialize(["", "-v", "0"])
     if WORLD.rank == 0:
         base = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)

@@ -1,4 +1,4 @@
-"""Heat and thermal strain: closed forms, balances, orders, and what is refused."""
+"""Test heat and thermal strain: closed forms, balances, convergence orders, and errors."""
 
 from petsc4py import PETSc
 
@@ -17,7 +17,7 @@ E, NU, ALPHA = 210.0, 0.3, 1e-3
 
 
 def block(dim, n=4, size=(1.0, 2.0)):
-    """Simplices, in 2D from the axis."""
+    """Mesh of simplices, in 2D starting at the axis."""
     cell = {2: "triangle", 3: "tetrahedron"}[dim]
     corner = [size[0]] * (dim - 1) + [size[1]]
     return box(WORLD, (n,) * dim, cell, [0.0] * dim, corner)
@@ -49,7 +49,7 @@ def solve(F, T, bcs=()):
 
 @pytest.mark.parametrize("kind, expansion", [("3D", 1.0), ("axisymmetric", 1.0), ("2D", 1 + NU)])
 def test_free_expansion_has_no_stress(kind, expansion):
-    """α ΔT in all directions; in plane strain (1 + ν) α ΔT, and the stress across is not seen."""
+    """Displacements of α ΔT in all directions, in plane strain (1 + ν) α ΔT, cause no stress."""
     msh = block(3 if kind == "3D" else 2)
     u = fem.Function(vector_space(msh))
     gdim = msh.geometry.dim
@@ -62,7 +62,7 @@ def test_free_expansion_has_no_stress(kind, expansion):
 
 @pytest.mark.parametrize("rise", [1.0, 3.0])
 def test_rod_that_expands_between_walls(rise):
-    """p = E (α ΔT − g/L) once α ΔT L is more than the gap g, 0 before; the sides are free."""
+    """p = E (α ΔT − g/L) if α ΔT L is more than the gap g, otherwise 0; the sides are free."""
     msh, gap = block(3), 2.0 * 2 * ALPHA
     V = vector_space(msh)
     u, v = fem.Function(V), ufl.TestFunction(V)
@@ -79,7 +79,7 @@ def test_rod_that_expands_between_walls(rise):
 
 
 def test_steady_conduction():
-    """Between 100 and 20 degrees, with k = 3: linear, and a flux of k ΔT / L."""
+    """Between 100 and 20 degrees, with k = 3: a linear profile, and a flux of k ΔT / L."""
     msh = block(2)
     V = fem.functionspace(msh, ("Lagrange", 1))
     T, k = fem.Function(V), 3.0
@@ -96,7 +96,7 @@ def test_steady_conduction():
 
 @pytest.mark.parametrize("axisymmetric", [False, True])
 def test_heat_balance(axisymmetric):
-    """What a body takes up is what its source gives, whatever the step, to rounding."""
+    """A body stores exactly the heat of its source, for any time step, to rounding."""
     msh = block(2)
     V = fem.functionspace(msh, ("Lagrange", 1))
     T, before = fem.Function(V), fem.Function(V)
@@ -112,7 +112,7 @@ def test_heat_balance(axisymmetric):
 
 
 def test_order_in_time():
-    """A mode of a rod decays as exp(−k π² t / (c L²)); errors halve with the step."""
+    """A mode of a rod decays as exp(−k π² t / (c L²)); errors are halved with the step."""
     msh = box(WORLD, (1, 200), "triangle", [0.0, 0.0], [0.01, 1.0])
     V = fem.functionspace(msh, ("Lagrange", 1))
     k, c, end, errors = 2.0, 4.0, 0.1, []
@@ -130,7 +130,7 @@ def test_order_in_time():
 
 
 def test_hot_billet():
-    """A Norton-Hoff body whose K and m depend on T: stress of each place, and its heat."""
+    """A Norton-Hoff body whose K and m depend on T: stress at each point, and its heat."""
     msh = block(3)
     v = fem.Function(vector_space(msh))
     v.interpolate(lambda x: np.array([0.5 * x[0], 0.5 * x[1], -x[2]]))
@@ -138,7 +138,7 @@ def test_hot_billet():
     T.interpolate(lambda x: 1000.0 + 100.0 * x[2])
     K, m = 50.0 * ufl.exp(-(T - 1000.0) / 300.0), 0.1 + 1e-4 * (T - 1000.0)
     stress = materials.norton_hoff(v, K, m, 1e-9)
-    tension = K * np.sqrt(3.0) ** (m + 1)  # at a rate of 1
+    tension = K * np.sqrt(3.0) ** (m + 1)  # at a strain rate of 1
     assert total((stress[2, 2] + 2 / 3 * tension) ** 2 * ufl.dx) < 1e-12
     heat = materials.plastic_heat(stress, v, share=0.9)
     assert total(heat * ufl.dx) == pytest.approx(total(0.9 * tension * ufl.dx), rel=1e-10)

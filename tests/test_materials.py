@@ -1,4 +1,4 @@
-"""Materials: stresses, energies, the MINI element and what is refused."""
+"""Test materials: stresses, energies, the MINI element and errors."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ MU, LMBDA = E / 2 / (1 + NU), E * NU / (1 + NU) / (1 - 2 * NU)
 
 
 def body(kind, n=3, size=(0.7, 1.3)):
-    """Simplices with a width, from the axis if axisymmetric, and a height."""
+    """Mesh of simplices with a width, from the axis if axisymmetric, and a height."""
     width, height = size
     if kind == "3D":
         return box(WORLD, (n,) * 3, "tetrahedron", [0.0] * 3, [width, width, height])
@@ -31,21 +31,21 @@ def integral(expression, msh, axisymmetric=False):
 
 
 def check_uniform(tensor, exact, msh, rtol=1e-10):
-    """The tensor is this one everywhere."""
+    """Check that the tensor has this value everywhere."""
     difference = tensor - ufl.as_tensor(np.asarray(exact).tolist())
     error = integral(ufl.inner(difference, difference), msh)
     assert np.sqrt(error / integral(1.0, msh)) < rtol * np.abs(exact).max()
 
 
 def stretched(msh, slopes):
-    """Field with the components slope · coordinate."""
+    """Make a field with the components slope · coordinate."""
     u = fem.Function(vector_space(msh))
     u.interpolate(lambda x: np.array(slopes)[:, None] * x[: len(slopes)])
     return u
 
 
 def wavy(msh, amplitude):
-    """Displacement without symmetries, zero on the axis x = 0."""
+    """Make a displacement without symmetries, zero on the axis x = 0."""
     u = fem.Function(vector_space(msh))
     u.interpolate(lambda x: amplitude * x[0] * [np.sin(x[1] + i) + x[2] for i in range(len(u))])
     return u
@@ -68,7 +68,7 @@ def test_elastic_uniaxial(kind):
 
 
 def test_hoop_strain():
-    """A plug-like velocity v_r = r², v_z = 0: strains 2r and r, not the same."""
+    """A plug-like velocity v_r = r², v_z = 0 has the different strains 2r and r."""
     msh = body("axisymmetric")
     v = ufl.as_vector([ufl.SpatialCoordinate(msh)[0] ** 2, 0.0])
     rate, r = materials.strain(v, axisymmetric=True), ufl.SpatialCoordinate(msh)[0]
@@ -133,7 +133,7 @@ def test_norton_hoff_uniform(kind):
 
 
 def test_material_fields():
-    """K and m may be functions, or expressions of UFL."""
+    """K and m may be functions, or UFL expressions."""
     msh = body("plane")
     v, D = stretched(msh, [0.3, -0.3]), fem.functionspace(msh, ("DG", 0))
     K, m = fem.Function(D), fem.Function(D)
@@ -146,7 +146,7 @@ def test_material_fields():
 
 
 def test_tangent_at_rest():
-    """Finite, symmetric, and that of the largest viscosity, K (√3 ε̇₀)^{m−1}."""
+    """The tangent is finite, symmetric, and that of the largest viscosity, K (√3 ε̇₀)^{m−1}."""
     msh = body("plane")
     w = fem.Function(materials.mini_space(msh))
 
@@ -171,7 +171,7 @@ def test_tangent_at_rest():
 
 
 def manufactured(n, cell):
-    """L2 error of the velocity, for a flow in a unit square or cube with a traction on x = 1."""
+    """Return the L2 error of the velocity in a unit square or cube with a traction on x = 1."""
     gdim = 2 if cell == "triangle" else 3
     msh = box(WORLD, (n,) * gdim, cell, [0.0] * gdim, [1.0] * gdim)
 
@@ -203,7 +203,7 @@ def manufactured(n, cell):
     bcs = [fem.dirichletbc(boundary, dofs, W.sub(0))]
     problem = qs.ContactProblem([F], [w], [], [bcs])
     problem.solve()
-    assert problem.num_iterations == 1  # found to be linear
+    assert problem.num_iterations == 1  # detected as linear
     error = integral((ufl.split(w)[0] - exact) ** 2, msh)
     assert abs(integral(ufl.div(ufl.split(w)[0]), msh)) < 1e-11  # 1 is a test function of p
     problem.destroy()

@@ -1,4 +1,4 @@
-"""Elasto-plastic bodies: closed forms, invariances, balances, and what is refused."""
+"""Test elasto-plastic bodies: closed forms, invariances, balances, and errors."""
 
 import warnings
 
@@ -21,7 +21,7 @@ PLACES = {2: ([0, 1, 2, 0], [0, 1, 2, 1]), 3: ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 
 
 
 def scene(kind, n=2, mixed=False, degree=2):
-    """A body in displacements of degree 1, or with the MINI element."""
+    """A displacement-based body of degree 1, or with the MINI element."""
     if kind == "3D":
         msh = box(WORLD, (n,) * 3, "tetrahedron", [0.0] * 3, [1.0] * 3)
     else:
@@ -32,13 +32,13 @@ def scene(kind, n=2, mixed=False, degree=2):
 
 
 def deform(body, F):
-    """Set the displacement to that of a uniform deformation."""
+    """Set the displacement of a uniform deformation."""
     gdim = body.mesh.geometry.dim
     body.w.interpolate(lambda x: (F - np.eye(3))[:gdim, :gdim] @ x[:gdim])
 
 
 def tensors(field, gdim):
-    """Symmetric tensors at all points of this rank."""
+    """Return symmetric tensors at all points of this rank."""
     rows, columns = PLACES[gdim]
     values = field.x.array.reshape(-1, len(rows))
     out = np.zeros((len(values), 3, 3))
@@ -73,7 +73,7 @@ class Point:
 
 
 def paths(kind, rng):
-    """Uniform deformations, each some per cent from the last one, and then ten times smaller."""
+    """Return uniform deformations with increments of some per cent, and then ten times smaller."""
     F = np.eye(3)
     for size in (*[0.05] * 6, *[0.002] * 3):
         change = size * rng.normal(size=(3, 3))
@@ -89,7 +89,7 @@ def paths(kind, rng):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_any_path(kind):
-    """Along paths that shear and turn: as by eigenvalues; plastic flow keeps the volume."""
+    """Along paths with shear and rotation: as by eigenvalues; plastic flow keeps the volume."""
     body, point = scene(kind), Point()
     for F in paths(kind, np.random.default_rng(1)):
         deform(body, F)
@@ -104,7 +104,7 @@ def test_any_path(kind):
 
 
 def test_large_steps():
-    """The logarithm's errors are those that the class names."""
+    """The errors of the logarithm are those stated in the class."""
     for stretch, error in ((0.9, 1e-10), (0.75, 1e-6), (1.33, 1e-6), (0.5, 1e-3), (2.0, 1e-3)):
         body = scene("3D", n=1)
         deform(body, np.diag([stretch**-0.5, stretch**-0.5, stretch]))
@@ -116,7 +116,7 @@ def test_large_steps():
 
 @pytest.mark.parametrize("kind", ("plane", "3D"))
 def test_turning(kind):
-    """A body that is turned, by any angle in a step, has its stress turned and does not flow."""
+    """If a body is rotated, by any angle in a step, its stress rotates and it does not yield."""
     body = scene(kind)
     gdim = body.mesh.geometry.dim
     F = np.array([[1.1, 0.08, 0], [0.02, 0.9, 0], [0, 0, 1.0]])
@@ -130,18 +130,18 @@ def test_turning(kind):
         deform(body, turned @ F)
         body.update()
         found = tensors(body.elastic_strain, gdim)
-        # Unloaded by rounding, or loaded: flow of the order of it.
+        # Unloaded by rounding, or loaded: plastic flow of the order of rounding.
         assert np.abs(found - turned @ e @ turned.T).max(initial=0) < 1e-13
         assert np.abs(body.plastic_strain.x.array - alpha).max(initial=0) < 1e-13
     assert alpha.min(initial=1) > 0.05
 
 
 class Held:
-    """A body between z = 0 and a plate z = 1 that moves.
+    """A body between z = 0 and a moving plate z = 1.
 
     Args:
         body: The body.
-        sticking: Whether it sticks to both; otherwise to neither, and it is held at x, y = 0.
+        sticking: Whether it sticks to both; otherwise to neither, and it is fixed at x, y = 0.
     """
 
     def __init__(self, body, sticking=False):
@@ -164,8 +164,8 @@ class Held:
         part.interpolate(lambda x: np.arange(up + 1)[:, None] // up * x[up])
 
     def solve(self, height):
-        """The force that pulls at the plate there. Collective."""
-        # From a uniform stretch: else Newton's method begins with one row of cells that flows.
+        """Return the force of the plate that pulls at z = 1. Collective."""
+        # Start from a uniform stretch: otherwise one row of cells yields first in Newton's method.
         self.body.w.x.array[:] += (height - 1 - self.top.value) * self.stretch.x.array
         self.top.value = height - 1
         self.problem.solve()
@@ -175,7 +175,7 @@ class Held:
 @pytest.mark.parametrize("mixed", (False, True))
 @pytest.mark.parametrize("kind", ("axisymmetric", "3D"))
 def test_uniaxial(kind, mixed):
-    """Logarithmic strain ε = τ/E + α and |τ| = σ_Y + H α: there, partly back, and beyond."""
+    """Logarithmic strain ε = τ/E + α and |τ| = σ_Y + H α: loading, unloading, reverse loading."""
     body = scene(kind, mixed=mixed, degree=4 if mixed else 2)
     held = Held(body)
     alpha = strain = stress = 0.0
@@ -200,7 +200,7 @@ def test_uniaxial(kind, mixed):
 
 @pytest.mark.parametrize("kind", ("axisymmetric", "3D"))
 def test_energy(kind):
-    """The plate's work is what is stored and dissipated, but for the rule by which it is summed."""
+    """The plate's work is stored and dissipated, up to the error of its summation rule."""
     errors = []
     for steps in (4, 8):
         body = scene(kind, mixed=True, degree=4)
@@ -222,7 +222,7 @@ def test_energy(kind):
 @pytest.mark.parametrize("mixed", (False, True))
 @pytest.mark.parametrize("kind", KINDS)
 def test_tangent(kind, mixed):
-    """It is the derivative, and symmetric, where a part of the body flows on and another not."""
+    """The tangent is the derivative, and symmetric, where only a part of the body yields."""
     body = scene(kind, n=2, mixed=mixed, degree=4 if mixed else 2)
     held = Held(body, sticking=True)
     for height in (0.95, 0.9):
@@ -241,7 +241,7 @@ def test_tangent(kind, mixed):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_from_the_deformed_mesh(kind):
-    """The state on the mesh as it has become gives the same as going on from the first mesh."""
+    """The state on the deformed mesh gives the same as continuing from the first mesh."""
     bodies = [scene(kind, n=3) for _ in range(2)]
     for body in bodies:
         held = Held(body, sticking=True)
@@ -269,7 +269,7 @@ def test_from_the_deformed_mesh(kind):
 @pytest.mark.parametrize("mixed", (False, True))
 @pytest.mark.parametrize("kind", KINDS)
 def test_at_rest(kind, mixed):
-    """Solved again on the deformed mesh, a body under a die stays where it is, with its force."""
+    """Solved again on the deformed mesh, a body under a die stays in place, with the same force."""
     body = scene(kind, mixed=mixed, degree=4 if mixed else 2)
     msh, gdim = body.mesh, body.mesh.geometry.dim
     V = body.w.function_space.sub(0) if mixed else body.w.function_space
@@ -302,7 +302,7 @@ def test_at_rest(kind, mixed):
 
 @pytest.mark.parametrize("mixed", (False, True))
 def test_goes_on_from_a_checkpoint(mixed, tmp_path):
-    """Saved half way and loaded into another body of the same mesh: all digits the same."""
+    """Saved half way and loaded into another body of the same mesh: all digits agree."""
     folder = WORLD.bcast(str(tmp_path / "run"))
 
     def run():
@@ -382,7 +382,7 @@ def test_what_is_refused():
 
 @pytest.mark.parametrize(("kind", "warns"), (("quadrilateral", True), ("triangle", False)))
 def test_reduced_quadrature(kind, warns):
-    """Two points a direction miss deformations of quadrilaterals of degree 2, and four do not."""
+    """Two points per direction miss deformations of quadrilaterals of degree 2; four do not."""
     msh = box(WORLD, (2, 2), kind, [0.0] * 2, [1.0] * 2)
     w = fem.Function(fem.functionspace(msh, ("Lagrange", 2, (2,))))
     for degree in (2, 4):

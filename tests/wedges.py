@@ -15,15 +15,15 @@ E, EDGE = 1e3, 0.6
 
 
 class Wedge:
-    """A cube that stands on an edge along y, or has it on top, held by the faces away from it.
+    """A cube that stands on an edge along y, or has this edge on top, held at the opposite faces.
 
     Args:
-        n: Cells along an edge.
-        cell: Their type.
+        n: Number of cells along an edge.
+        cell: Type of the cells.
         up: Whether the edge is on top.
-        yaw: By which it is turned about z (degrees).
-        shift: Then.
-        degree: Of its displacements.
+        yaw: Angle by which it is rotated about z (degrees).
+        shift: Translation after the rotation.
+        degree: Degree of the displacements.
     """
 
     def __init__(self, n, cell, up=False, yaw=0.0, shift=(0.0, 0.0, 0.0), degree=1):
@@ -42,14 +42,14 @@ class Wedge:
         self.bcs = []
 
     def local(self, x):
-        """Places in the cube: its edge is at 0, 0 of the first and last."""
+        """Return positions in the frame of the cube; on its edge the first and last are 0."""
         return self.R.T @ (x - self.shift[:, None])
 
     def facets(self, found):
         return mesh.locate_entities_boundary(self.msh, 2, lambda x: found(self.local(x)))
 
     def hold(self, up):
-        """Move the faces away from the edge by this along z."""
+        """Move the faces away from the edge by a displacement along z."""
         far = self.facets(lambda x: np.isclose(x[0], EDGE) | np.isclose(x[2], EDGE))
         dofs = fem.locate_dofs_topological(self.V, 2, far)
         self.moved = fem.Constant(self.msh, [0.0, 0.0, up])
@@ -57,7 +57,7 @@ class Wedge:
         return self
 
     def surface(self):
-        """All faces but those."""
+        """Return the contact surface: all faces but the two that are held."""
 
         def found(x):
             ends = np.isclose(np.abs(x[1]), EDGE / 2)
@@ -66,7 +66,7 @@ class Wedge:
         return qs.Surface(self.V, facets=self.facets(found))
 
     def compliance(self, y):
-        """What a force of 1 along z on the edge there moves it by: a problem without contact."""
+        """Return the displacement by a unit force along z on the edge at y, without contact."""
         zero = self.hold(0.0).bcs
         A = assemble_matrix(fem.form(ufl.derivative(self.F, self.u)), bcs=zero)
         A.assemble()
@@ -86,7 +86,7 @@ class Wedge:
 
 
 def crossed(n, cell, depth, yaw=90.0):
-    """Two wedges whose edges cross off their nodes, and the force of the point where they do."""
+    """Return two wedges whose edges cross between nodes, and the contact force at the crossing."""
     y, x = 0.47 * EDGE / n[0], 0.3 * EDGE / n[1]
     upper = Wedge(n[0], cell)
     lower = Wedge(n[1], cell, up=True, yaw=yaw, shift=(x, -y, 0.0))

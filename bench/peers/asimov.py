@@ -1,4 +1,4 @@
-"""A job through dolfinx_contact (asimov-contact): unbiased Nitsche, on one rank.
+"""Run a job through dolfinx_contact (asimov-contact): unbiased Nitsche method, on one rank.
 
 scripts/with-dolfinx env PYTHONPATH=FOLDER/asimov/python python3 bench/peers/asimov.py --sizes 22,18
 """
@@ -27,10 +27,10 @@ import jobs
 import sphere
 
 COMM = MPI.COMM_WORLD
-#: Krylov's iteration: its relative residual is that of the others.
+#: Krylov method: the relative residual is the same as for the other programs.
 CG = {"ksp_type": "cg", "ksp_rtol": 1e-8, "ksp_norm_type": "unpreconditioned"}
-#: That of its demos (PETSc 3.22 has no more pc_gamg_square_graph), what else was fast, and a direct
-#: solver.
+#: Solver of its demos (PETSc 3.22 has no pc_gamg_square_graph any more), other fast solvers, and a
+#: direct solver.
 SOLVERS = {
     "gamg": CG
     | {
@@ -57,10 +57,10 @@ SOLVERS = {
 
 
 def near(job, body, quads):
-    """Faces that may come into contact: of the sphere and its block those where cells are even.
+    """Return the faces that may come into contact; for the job "hertz" those of even cells.
 
-    On open faces Nitsche's method takes the normal stress away from the energy. Beside the contact
-    cells are long and flat, and with a parameter that is large enough elsewhere the matrix is
+    On open faces Nitsche's method subtracts the normal stress from the energy. Outside the contact
+    zone cells are long and flat, and with a parameter that is large enough elsewhere the matrix is
     indefinite there.
     """
     if job is not sphere:
@@ -92,7 +92,7 @@ class Job:
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         strain = ufl.sym(ufl.grad(self.u))
         stress = self.lame * ufl.tr(strain) * ufl.Identity(3) + 2 * self.mu * strain
-        # Eight points in each cell, as the others have: exact for boxes.
+        # Eight points in each cell, as in the other programs: exact for boxes.
         form = ufl.inner(stress, ufl.grad(v)) * ufl.dx(degree=3)
         self.residual = fem.form(form)
         self.jacobian = fem.form(ufl.derivative(form, self.u))
@@ -111,16 +111,17 @@ class Job:
             for quads in (near(job, lower, lower.high), near(job, upper, upper.low) + first)
         ]
         self.touching = self.tag(touching)
-        # The upper body moved as a whole, so that contact is closed, as its demo of Hertz has it.
+        # The upper body is moved as a whole, so that contact is closed, as in the program's Hertz
+        # demo.
         blocks = np.unique(V.dofmap.list[is_upper])
         self.u.x.array.reshape(-1, 3)[blocks, 2] = job.PRESS
 
     def dofs(self, W, quads):
-        """Degrees of freedom on a side of a body."""
+        """Return the degrees of freedom on a side of a body."""
         return fem.locate_dofs_topological(W, 2, dolfinx_mesh.locate(self.mesh, quads))
 
     def tag(self, sides):
-        """Facets of both sides with 1 and 2."""
+        """Tag the facets of both sides with 1 and 2."""
         facets = np.concatenate(sides)
         tags = np.repeat(np.array([1, 2], dtype=np.int32), [len(side) for side in sides])
         order = np.argsort(facets)
@@ -128,7 +129,7 @@ class Job:
 
 
 class Contact:
-    """Unbiased Nitsche contact of a job: residual and Jacobian for its Newton solver."""
+    """Unbiased Nitsche contact of a job: residual and Jacobian for the program's Newton solver."""
 
     def __init__(self, job, gamma, theta, order, search):
         self.job, self.gamma, self.theta = job, gamma, theta
@@ -143,11 +144,11 @@ class Contact:
         self.problem.generate_contact_data(FrictionLaw.Frictionless, job.V, given, gamma, theta)
 
     def coefficients(self, x, _):
-        """Values at the quadrature points."""
+        """Return values at the quadrature points."""
         self.problem.update_contact_data(self.job.u)
 
     def residual(self, x, b, _):
-        """Elastic and contact forces, with the conditions."""
+        """Assemble elastic and contact forces, with the conditions."""
         job = self.job
         b.zeroEntries()
         self.problem.assemble_vector(b, job.V)
@@ -156,17 +157,17 @@ class Contact:
         petsc.set_bc(b, job.bcs, x, -1.0)
 
     def jacobian(self, x, A, _):
-        """Their derivative."""
+        """Assemble the Jacobian."""
         job = self.job
         A.zeroEntries()
         self.problem.assemble_matrix(A, job.V)
         petsc.assemble_matrix(A, job.jacobian, bcs=job.bcs)
         A.assemble()
-        # Its contact does not know of conditions, and symmetry planes end in it.
+        # The contact code does not know conditions, and symmetry planes end in the contact surface.
         A.zeroRowsColumnsLocal(job.fixed)
 
     def forces(self, theta):
-        """What contact does to each degree of freedom; with theta = 0, its tractions alone."""
+        """Return the contact force at each degree of freedom; with theta = 0, only of tractions."""
         b = petsc.create_vector(self.job.residual)
         self.problem.update_nitsche_parameters(self.gamma, theta)
         self.problem.assemble_vector(b, self.job.V)
@@ -175,7 +176,7 @@ class Contact:
 
 
 def create_solver(p, job, contact):
-    """Its Newton solver for the job, which ends at a residual relative to the first."""
+    """Make the program's Newton solver; its stopping residual is relative to the first one."""
     A = contact.problem.create_matrix(job.jacobian)
     bodies = np.array([0, 1], dtype=np.int32)
     rigid = dolfinx_contact.helpers.rigid_motions_nullspace_subdomains
@@ -186,7 +187,7 @@ def create_solver(p, job, contact):
     newton.set_residual(contact.residual)
     newton.set_jacobian(contact.jacobian)
     contact.residual(job.u.x.petsc_vec, b, None)
-    # What it calls relative is over the length of the first step: told as an absolute one.
+    # Its relative criterion refers to the norm of the first step: set as an absolute criterion.
     options = {"rtol": np.inf, "atol": p.rtol * b.norm(), "max_it": 50}
     newton.set_newton_options(options | {"error_on_nonconvergence": True})
     newton.set_krylov_options(SOLVERS[p.linear])
@@ -194,7 +195,7 @@ def create_solver(p, job, contact):
 
 
 def solve(p):
-    """Displacements, forces of contact (arguments of ``hertz_error.measure``), row of results."""
+    """Return displacements, contact forces (arguments of ``hertz_error.measure``) and row."""
     job = Job(p.job, p.sizes)
     contact = Contact(
         job, p.gamma * max(p.job.E), formulation=p.theta, law=p.order, penalty=p.search
@@ -216,16 +217,16 @@ def solve(p):
 
 
 def arguments():
-    """What the driver is given."""
+    """Parse the arguments of the driver."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     jobs.add_arguments(parser)
     add("--linear", choices=tuple(SOLVERS), default="gamg")
     add("--gamma", type=float, default=10.0, help="Nitsche's parameter over the larger E")
     add("--theta", type=float, choices=(1.0, 0.0, -1.0), default=1.0)
-    add("--order", type=int, default=5, help="of the quadrature of the contact")
+    add("--order", type=int, default=5, help="quadrature degree of the contact")
     add("--search", choices=("closest", "rays"), default="closest")
-    add("--rtol", type=float, default=1e-6, help="where Newton's method ends")
+    add("--rtol", type=float, default=1e-6, help="tolerance of Newton's method")
     return parser
 
 

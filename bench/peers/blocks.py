@@ -1,4 +1,4 @@
-"""Blocks of hexahedra, of which the jobs' bodies are made. Nodes, cells and faces count from 0."""
+"""Make blocks of hexahedra for the bodies of the jobs. Nodes, cells and faces count from 0."""
 
 import dataclasses
 
@@ -13,10 +13,10 @@ class Block:
         x: Coordinates of the nodes, shape (nodes, 3).
         cells: Nodes of each cell: those of its lower face anti-clockwise, then those above them.
         low: Nodes of each quadrilateral of the lowest face, anti-clockwise seen from outside.
-        high: The same of the highest face.
-        low_cells: Cells behind those faces.
-        high_cells: The same.
-        planes: Nodes of the quadrilaterals of symmetry planes, from the plane's axis.
+        high: Nodes of each quadrilateral of the highest face, in the same way.
+        low_cells: Cells behind the lowest face.
+        high_cells: Cells behind the highest face.
+        planes: Nodes of the quadrilaterals of symmetry planes, by the axis normal to the plane.
     """
 
     x: np.ndarray
@@ -29,7 +29,7 @@ class Block:
 
 
 def block(across, up, symmetric=False):
-    """A block with the given coordinates.
+    """Make a block with the given coordinates.
 
     Args:
         across: Coordinates of the nodes along x, and along y.

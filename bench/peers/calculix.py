@@ -1,4 +1,4 @@
-"""A job through CalculiX: writes its input, runs ccx, reads what it printed.
+"""Run a job through CalculiX: write its input, run ccx, read its output.
 
 Surface-to-surface penalty contact, linear pressure-overclosure; C3D8, fully integrated. Only ccx is
 measured, not the writing of its input.
@@ -28,10 +28,10 @@ def lines(rows):
 
 
 def write_body(out, name, body, first_node, first_cell):
-    """Nodes, cells, the face that touches and the nodes that are held; A is the lower body."""
+    """Nodes, cells, contact face and held nodes of a body; A is the lower body."""
     numbers = np.arange(len(body.x)) + first_node
     out.write("*NODE, NSET=ALL\n")
-    # ccx reads 20 characters of a number.
+    # ccx reads at most 20 characters of a number.
     np.savetxt(out, np.column_stack([numbers, body.x]), fmt="%d, %.13g, %.13g, %.13g")
     cells = np.column_stack([np.arange(len(body.cells)) + first_cell, body.cells])
     cells[:, 1:] += first_node
@@ -41,19 +41,19 @@ def write_body(out, name, body, first_node, first_cell):
     for kind, quads in [("HELD", held), *((f"PLANE{k}", q) for k, q in body.planes.items())]:
         nodes = np.unique(quads) + first_node
         out.write(f"*NSET, NSET={kind}{name}\n{lines(nodes[:, None])}\n")
-    # Faces S1 and S2 are those of the first and the last four nodes.
+    # Faces S1 and S2 have the first and the last four nodes.
     touching, side = (body.high_cells, "S2") if name == "A" else (body.low_cells, "S1")
     out.write(f"*SURFACE, NAME=FACE{name}, TYPE=ELEMENT\n")
     out.write(f"{lines([(c + first_cell, side) for c in touching])}\n")
 
 
 def write_deck(path, job, sizes, penalty, linear, slave, output=False):
-    """The input file; the bodies are named A, below, and B.
+    """Write the input file; the bodies are named A, below, and B.
 
     Args:
-        path: Where to.
+        path: Path of the file.
         job: Module of the job.
-        sizes: Cells along an edge of A and B.
+        sizes: Numbers of cells along an edge of A and B.
         penalty: Stress per length.
         linear: Name of the linear solver, with its options.
         slave: Name of the slave.
@@ -91,7 +91,7 @@ RF
 
 
 def read_displacements(text):
-    """Displacements of all nodes in what ccx printed last, or None."""
+    """Return the displacements of all nodes in the last output of ccx, or None."""
     blocks = text.split("displacements (vx,vy,vz)")[1:]
     if not blocks:
         return None
@@ -100,7 +100,7 @@ def read_displacements(text):
 
 
 def run(command, folder):
-    """Run ccx on job.inp; returns its output, user + system seconds, wall seconds, peak MiB."""
+    """Run ccx on job.inp; return its output, user + system seconds, wall seconds, peak MiB."""
     environment = {"OMP_NUM_THREADS": "1"} | dict(os.environ)
     start = time.perf_counter()
     with open(folder / "log", "w") as log:

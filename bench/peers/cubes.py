@@ -13,16 +13,16 @@ PRESS = -0.02
 
 
 def cube(n, bottom):
-    """The unit cube that stands on the height `bottom`."""
+    """Make the unit cube that stands at the height `bottom`."""
     s = np.linspace(0, 1, n + 1)
     return block(s, s + bottom)
 
 
 def bodies(sizes):
-    """Both cubes, the lower one first."""
+    """Make both cubes, the lower one first."""
     return [cube(n, float(i)) for i, n in enumerate(sizes)]
 
 
 def cell_size(n):
-    """Size of the cells of n at the contact."""
+    """Return the cell size at the contact for n cells along an edge."""
     return 1 / n

@@ -1,4 +1,4 @@
-"""The half ring on a block (ring.py) through GetFEM: its large sliding contact with ray tracing.
+"""Run the half ring on a block (ring.py) through GetFEM: large sliding contact by ray tracing.
 
 python3 bench/peers/install.py getfem --install FOLDER
 FOLDER/getfem/python bench/peers/getfem_ring.py --refine 2 --friction 0.2
@@ -16,7 +16,7 @@ import ring
 
 #: Number of the clamped region.
 HELD = 2
-#: Share of the greatest traction from which on a node counts as closed.
+#: Fraction of the largest traction above which a node counts as active.
 CLOSED = 0.01
 
 
@@ -51,11 +51,12 @@ class Scene(sliding.Scene):
         self.clamp("block", HELD, "fixed")
 
     def row(self):
-        """What is told of a state.
+        """Return the results of a state.
 
-        ``down`` and ``along`` are the force of the ring on the block, as its clamped nodes feel it;
-        ``balance`` what the clamped nodes of the ring feel more or less than these, ``inside`` the
-        greatest force left at a node that nothing touches. The rest are displacements.
+        ``down`` and ``along`` are the force of the ring on the block, from the reactions of the
+        block's clamped nodes; ``balance`` is the difference from the reactions of the ring's
+        clamped nodes; ``inside`` is the largest residual force at a node without contact and
+        conditions. The others are displacements.
         """
         forces = {name: self.forces(name) for name in self.parts}
         on_ring, on_block = (forces[n][self.parts[n].body.held].sum(axis=0) for n in self.parts)
@@ -74,7 +75,7 @@ class Scene(sliding.Scene):
         return found
 
     def line(self, row):
-        """A line of the table."""
+        """Format a line of the table."""
         ends = row["ends"]
         return (
             f"{row['step']:4}{ends[0]:9.3f}{ends[1]:8.3f}{row['down']:10.4f}{row['along']:10.4f}"
@@ -84,7 +85,7 @@ class Scene(sliding.Scene):
         )
 
     def loaded(self, name):
-        """Nodes on which forces act from outside."""
+        """Return the nodes with external forces."""
         body = self.parts[name].body
         return np.union1d(body.touching, body.held)
 

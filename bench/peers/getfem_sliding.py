@@ -1,8 +1,8 @@
-"""Bodies in large sliding contact through GetFEM: its integral brick with ray tracing.
+"""Run bodies in large sliding contact through GetFEM: its integral brick with ray tracing.
 
-Contact is an augmented Lagrangian with vectors of multipliers of degree 1 on slave surfaces, whose
-deformed normals are traced to what they may touch; and GetFEM's own Newton method, with MUMPS. A
-step that fails is halved.
+Contact is an augmented Lagrangian with vector-valued multipliers of degree 1 on slave surfaces,
+whose deformed normals are traced to the opposite surfaces. Newton's method is GetFEM's own, with
+MUMPS. A step that fails is halved.
 """
 
 import argparse
@@ -13,10 +13,10 @@ import numpy as np
 
 try:
     import getfem as gf
-except ModuleNotFoundError:  # --help needs none
+except ModuleNotFoundError:  # --help does not need GetFEM
     gf = None
 
-#: Number of the region that may touch.
+#: Number of the region that may come into contact.
 TOUCHING = 1
 
 ENERGY = (
@@ -26,11 +26,11 @@ ENERGY = (
 
 
 class Part:
-    """A body in GetFEM: mesh, displacements, and which of its nodes are which of ours.
+    """A body in GetFEM: mesh, displacements, and the map between its nodes and ours.
 
     Args:
         body: The body.
-        order: Of the quadrature of the contact.
+        order: Order of the quadrature of the contact.
     """
 
     def __init__(self, body, order):
@@ -51,15 +51,15 @@ class Part:
         self.dofs = self.find_dofs()
 
     def mark_edges(self, region, edges):
-        """Make a region of outer edges, of given nodes."""
+        """Make a region of the outer edges with the given nodes."""
         self._mark(region, {frozenset(e) for e in edges.tolist()}.__contains__)
 
     def mark_between(self, region, nodes):
-        """Make a region of all outer edges between some nodes."""
+        """Make a region of all outer edges between the given nodes."""
         self._mark(region, set(nodes.tolist()).issuperset)
 
     def _mark(self, region, wanted):
-        """Make a region of those outer faces whose set of nodes is wanted."""
+        """Make a region of the outer faces whose set of nodes satisfies ``wanted``."""
         found = []
         for face in self.mesh.outer_faces().T:
             ends = self.mesh.pid_in_faces(face.reshape(2, 1)).ravel()
@@ -68,7 +68,7 @@ class Part:
         self.mesh.set_region(region, np.array(found).T)
 
     def find_dofs(self):
-        """Numbers of the unknowns of our nodes, (n, 2)."""
+        """Return the numbers of the unknowns of our nodes, (n, 2)."""
         at = np.asarray(self.u.basic_dof_nodes()).T[::2]
         order = [np.lexsort(np.round(x, 9).T) for x in (self.body.x, at)]
         if not np.allclose(self.body.x[order[0]], at[order[1]], rtol=0, atol=1e-12):
@@ -81,8 +81,8 @@ class Part:
 class Scene:
     """The model of bodies in contact.
 
-    Derived classes add boundaries to the brick, clamp what is in regions, with the data ``moved``
-    for what is moved, and tell of a state: ``row`` and ``line``.
+    Derived classes add boundaries to the brick and clamp regions, with the data ``moved`` for the
+    moved region. They report a state by ``row`` and ``line``.
 
     Args:
         p: Arguments, see arguments().
@@ -106,10 +106,10 @@ class Scene:
         self.model.add_nonlinear_term(part.inside, ENERGY.format(name), -1, True)
 
     def add_brick(self, slave, region=TOUCHING):
-        """The brick, and multipliers on a region of a part; with friction only if there is any.
+        """Add the brick, and multipliers on a region of a part; with friction only if not zero.
 
         Returns:
-            Its number, and what boundaries of parts have to name after their unknowns.
+            The number of the brick, and the further names that boundaries of parts need.
         """
         model, p = self.model, self.p
         slave = self.parts[slave]
@@ -130,7 +130,7 @@ class Scene:
         return brick, before
 
     def clamp(self, name, region, value):
-        """Give the displacement of a region of a body, of the data of that name, 0 at first."""
+        """Prescribe the displacement of a region by the data of this name, initially 0."""
         self.model.add_initialized_data(value, [0.0, 0.0])
         self.model.add_Dirichlet_condition_with_simplification(f"u_{name}", region, value)
 
@@ -145,7 +145,7 @@ class Scene:
             self.model.set_variable(name, values)
 
     def forces(self, name):
-        """Forces that the stress of a body asks of its nodes."""
+        """Return the nodal forces of the stress of a body."""
         part = self.parts[name]
         values = gf.asm_generic(
             part.inside, 1, ENERGY.format(name), -1, self.model, "select_output", f"u_{name}"
@@ -153,7 +153,7 @@ class Scene:
         return np.array(values).ravel()[part.dofs]
 
     def newton(self, ends):
-        """Iterations of Newton's method for a position of what is moved, and whether it ended."""
+        """Run Newton's method for a position of the moved region; return iterations and success."""
         self.model.set_variable("moved", list(ends))
         arguments = ["lsolver", "mumps", "lsearch", self.p.search]
         limits = ["max_iter", self.p.iterations, "max_res", self.p.tolerance]
@@ -165,10 +165,11 @@ class Scene:
         return count, bool(ended) and all(np.isfinite(v).all() for v in self.state().values())
 
     def advance(self, start, end, depth=0):
-        """Go from one position to another, in halves where Newton's method fails.
+        """Move from one position to another, in halves if Newton's method fails.
 
         Returns:
-            Iterations of all attempts, iterations in vain, solved parts; or None if it fails.
+            Iterations of all attempts, iterations of failed attempts, number of solved parts; None
+                if it fails.
         """
         saved = self.state()
         if self.p.friction > 0:
@@ -191,39 +192,39 @@ class Scene:
         return total
 
     def displacements(self, name):
-        """Those of the nodes of a body."""
+        """Return the displacements of the nodes of a body."""
         return self.values(f"u_{name}")[self.parts[name].dofs]
 
 
 def arguments(text, release):
-    """A parser of what all jobs have."""
+    """Make a parser with the options of all jobs."""
     parser = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--refine", type=int, default=1, help="all cells are cut by it")
+    add("--refine", type=int, default=1, help="refinement factor of all cells")
     add("--friction", type=float, default=0.0, help="Coulomb's coefficient")
     add("--augmentation", type=float, default=1e3, help="r of the augmented Lagrangian")
-    add("--release", type=float, default=release, help="how far surfaces see each other")
-    add("--order", type=int, default=7, help="of the quadrature of the contact")
+    add("--release", type=float, default=release, help="search distance of contact")
+    add("--order", type=int, default=7, help="quadrature order of the contact")
     add("--symmetric", action="store_true", help="the more symmetric form of the brick")
     add("--search", choices=("simplest", "systematic", "quadratic", "basic"), default="simplest")
     add("--tolerance", type=float, default=1e-9, help="GetFEM's max_res")
-    add("--iterations", type=int, default=40, help="of Newton's method, at most")
-    add("--halvings", type=int, default=5, help="of a step, at most")
-    add("--no-along", dest="along", action="store_false", help="only press")
-    add("--output", metavar="NPZ", help="displacements of all nodes and steps")
-    add("--verbose", action="store_true", help="GetFEM's own account of Newton's method")
+    add("--iterations", type=int, default=40, help="most iterations of Newton's method")
+    add("--halvings", type=int, default=5, help="most halvings of a step")
+    add("--no-along", dest="along", action="store_false", help="only press, without sliding")
+    add("--output", metavar="NPZ", help="file of displacements, all nodes and steps")
+    add("--verbose", action="store_true", help="print GetFEM's Newton log")
     return parser
 
 
 def run(make_scene, p, path):
-    """Go along a path; prints a table and a line RESULT {json}.
+    """Follow a path of positions; print a table and a line RESULT {json}.
 
     Args:
         make_scene: The class of the scene.
         p: Arguments.
-        path: Positions of what is moved.
+        path: Positions of the moved region.
     """
     gf.util_trace_level(1)
     start = time.perf_counter()

@@ -1,11 +1,11 @@
-"""The spring of spring.py through GetFEM: its large sliding contact with ray tracing.
+"""Run the spring of spring.py through GetFEM: its large sliding contact with ray tracing.
 
-The surface that touches itself is a slave and a master: there are multipliers on all of it.
+The self-contact surface is both slave and master: multipliers are on all of it.
 
     python3 bench/peers/install.py getfem --install FOLDER
     FOLDER/getfem/python bench/peers/getfem_spring.py --refine 2 --friction 0.2
 
-With --slave lower or upper that half is the slave, the other one the master.
+With --slave lower or upper this half is the slave, the other one the master.
 """
 
 import pathlib
@@ -16,12 +16,12 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import getfem_sliding as sliding
 import spring
 
-#: Numbers of the regions that are clamped, and of the halves that may touch.
+#: Numbers of the clamped regions, and of the halves of the contact surface.
 FIXED, MOVED, SLAVE, MASTER = 2, 3, 4, 5
 
 
 class Scene(sliding.Scene):
-    """The model of the spring in contact with itself."""
+    """The model of the spring in self-contact."""
 
     HEADER = spring.HEADER + "  in vain  parts  seconds"
 
@@ -39,14 +39,14 @@ class Scene(sliding.Scene):
         self.clamp("spring", MOVED, "moved")
 
     def add_itself(self, part):
-        """All of the surface is slave and master."""
+        """Make the whole surface both slave and master."""
         brick, before = self.add_brick("spring")
         self.model.add_master_slave_contact_boundary_to_large_sliding_contact_brick(
             brick, part.surface, sliding.TOUCHING, "u_spring", "traction", *before["spring"]
         )
 
     def add_two(self, part, halves):
-        """One half is the slave, the other one the master."""
+        """Make one half the slave, the other one the master."""
         for region, half in zip((SLAVE, MASTER), halves, strict=True):
             part.mark_edges(region, self.body.half(half))
         brick, before = self.add_brick("spring", SLAVE)
@@ -58,11 +58,11 @@ class Scene(sliding.Scene):
         )
 
     def row(self):
-        """What is told of a state, see spring.told()."""
+        """Return the results of a state, see spring.told()."""
         return spring.told(self.body, self.displacements("spring"), self.forces("spring"))
 
     def line(self, row):
-        """A line of the table."""
+        """Format a line of the table."""
         return (
             spring.line(row["ends"], row)
             + f"{row['in_vain']:9}{row['parts']:7}{row['seconds']:9.2f}"
@@ -72,7 +72,7 @@ class Scene(sliding.Scene):
 def main():
     parser = sliding.arguments(__doc__, release=0.3)
     slaves = "both", "lower", "upper"
-    parser.add_argument("--slave", choices=slaves, default="both", help="halves with multipliers")
+    parser.add_argument("--slave", choices=slaves, default="both", help="half with multipliers")
     p = parser.parse_args()
     if sliding.gf is None:
         parser.error("needs the package getfem: see the head of this file")

@@ -1,21 +1,21 @@
-"""Traction and error of the job "hertz", in the same way for every program: from displacements.
+"""Compute traction and error of the job "hertz" for every program in the same way.
 
-Forces on the nodes of a contact surface are those that the displacements give inside the body,
-f_k = ∫ σ(u) : ∇N_k with 2 × 2 × 2 points in each cell. The pressure is lumped, |f_k,z| / S_k with
-S_k = ∫ N_k dx dy: the force on a surface without friction is p times the area seen from above. Of
+Forces on the nodes of a contact surface follow from the displacements, as internal forces f_k = ∫
+σ(u) : ∇N_k with 2 × 2 × 2 points in each cell. The pressure is lumped, |f_k,z| / S_k with S_k = ∫
+N_k dx dy: the force on a surface without friction is p times the area projected on the plane. For
 the total force F, Hertz's solution has the radius a = (3 F R / 4 E*)^⅓ and the peak 3 F / 2 π a².
 """
 
 import numpy as np
 import sphere
 
-#: Corners of a cell, and points of the quadrature with two points in each direction.
+#: Corners of a cell, and quadrature points, two in each direction.
 CORNERS = np.array([(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 POINTS = CORNERS / np.sqrt(3)
 
 
 def internal_forces(body, u, modulus, nu):
-    """Forces that hold the nodes where they are, shape (nodes, 3); u likewise."""
+    """Return the internal forces of the nodes, shape (nodes, 3); u has the same shape."""
     mu, lame = modulus / (2 * (1 + nu)), modulus * nu / ((1 + nu) * (1 - 2 * nu))
     x, u = body.x[body.cells], u[body.cells]
     local = np.zeros_like(x)
@@ -41,7 +41,7 @@ def gather(cells, local, count):
 
 
 def areas(x, quads):
-    """S_k of all nodes."""
+    """Return S_k of all nodes."""
     flat = x[quads][:, :, :2]
     local = np.zeros(quads.shape)
     for point in POINTS[:4, :2]:
@@ -53,19 +53,19 @@ def areas(x, quads):
 
 
 def hertz(force):
-    """Radius of the contact and peak pressure of a total force."""
+    """Return the radius of the contact and the peak pressure for a total force."""
     a = (3 * force * sphere.R / (4 * sphere.E_STAR)) ** (1 / 3)
     return a, 3 * force / (2 * np.pi * a**2)
 
 
 def hertz_forces(x, quads, force, parts=24):
-    """Forces of Hertz's pressure on the nodes of a quarter, F_k = ∫ N_k p dx dy.
+    """Return nodal forces of Hertz's pressure on a quarter, F_k = ∫ N_k p dx dy.
 
     Args:
         x: Coordinates of the nodes.
-        quads: Nodes of the surface's faces; from above they are rectangles along the axes.
-        force: Force of the whole.
-        parts: Points of the midpoint rule in each direction of a face.
+        quads: Nodes of the surface's faces; their projections are rectangles along the axes.
+        force: Force on the whole contact.
+        parts: Number of points of the midpoint rule in each direction of a face.
     """
     a, p0 = hertz(force)
     s = (np.arange(parts) + 0.5) * 2 / parts - 1
@@ -73,7 +73,7 @@ def hertz_forces(x, quads, force, parts=24):
     shapes = (1 + points[:, None] * CORNERS[:4, :2]).prod(axis=2) / 4
     flat = x[quads][:, :, :2]
     flat, quads = (array[np.linalg.norm(flat, axis=2).min(axis=1) < a] for array in (flat, quads))
-    # Corners may be in any order, so that each face has shape functions of its own.
+    # The order of the corners is arbitrary, so each face has its own shape functions.
     low, size = flat.min(axis=1), np.ptp(flat, axis=1)
     corner = np.sign(flat - (low + size / 2)[:, None])
     which = np.argmax((corner[:, :, None] == CORNERS[:4, :2]).all(axis=3), axis=2)
@@ -84,17 +84,17 @@ def hertz_forces(x, quads, force, parts=24):
 
 
 def relative_errors(x, quads, forces, total):
-    """Relative L2 errors of the pressure on a surface, of a quarter.
+    """Return relative L2 errors of the pressure on a surface, of a quarter.
 
-    With p_k = f_k / S_k, both are (Σ S_k (p_k − q_k)² / Σ S_k q_k²)^½. In the first q_k = F_k / S_k
-    is Hertz's pressure lumped in the same way, so that Hertz's own forces have no error; in the
-    second q_k = p(x_k), so that they have one.
+    With p_k = f_k / S_k, both are (Σ S_k (p_k − q_k)² / Σ S_k q_k²)^½. In the first, q_k = F_k /
+    S_k is Hertz's pressure lumped in the same way, so that Hertz's own forces have no error; in the
+    second, q_k = p(x_k), for which these forces have an error.
 
     Args:
         x: Coordinates of the nodes.
         quads: Nodes of the surface's faces.
-        forces: Forces that press on the nodes, upright.
-        total: Force of the whole, of which Hertz's solution is taken.
+        forces: Contact forces on the nodes, vertical components.
+        total: Force on the whole contact, which defines Hertz's solution.
     """
     nodes = np.unique(quads)
     area = areas(x, quads)[nodes]
@@ -106,7 +106,7 @@ def relative_errors(x, quads, forces, total):
 
 
 def unbalanced(body, forces):
-    """Norm of the forces on nodes that are neither held nor in contact: zero in equilibrium."""
+    """Return the norm of forces on nodes without conditions and contact: zero in equilibrium."""
     free = np.ones(forces.shape, dtype=bool)
     free[np.unique(body.low)] = free[np.unique(body.high)] = False
     for axis, quads in body.planes.items():
@@ -115,10 +115,10 @@ def unbalanced(body, forces):
 
 
 def check_conditions(bodies, parts):
-    """What is held must be where it should be, to the digits that CalculiX prints.
+    """Check that held nodes are where they should be, to the digits that CalculiX prints.
 
     Raises:
-        ValueError: If it is not, or if displacements are not numbers.
+        ValueError: If a held node is elsewhere, or if displacements are not numbers.
     """
     press = abs(sphere.PRESS)
     off = [0.0]
@@ -131,19 +131,19 @@ def check_conditions(bodies, parts):
 
 
 def measure(sizes, u, loads=None, tractions=None):
-    """Row of results: of the whole, as if there were four quarters.
+    """Return a row of results for the whole, as if there were four quarters.
 
     Args:
-        sizes: Cells along an edge of the lower and the upper body.
+        sizes: Numbers of cells along an edge of the lower and the upper body.
         u: Displacements of all nodes, shape (nodes, 3).
-        loads: Forces of the program's contact on nodes, where they reach further than the surfaces,
-            shape (nodes, 3).
-        tractions: Forces of its contact's tractions on nodes, where they are not those inside the
-            bodies, shape (nodes, 3).
+        loads: Nodal forces of the program's contact, if they extend beyond the surfaces, shape
+            (nodes, 3).
+        tractions: Nodal forces of the program's contact tractions, if they differ from the internal
+            forces, shape (nodes, 3).
 
     Returns:
-        The force, its Hertz radius, and for each body the two errors of the pressure and the forces
-        out of balance inside it, over the force.
+        The force, its Hertz radius, and for each body the two errors of the pressure and the
+        unbalanced forces inside it, over the force.
 
     Raises:
         ValueError: If the displacements are not those of the job.

@@ -1,9 +1,9 @@
-"""How much the finite size of the bodies of the job "hertz" matters to the pressure.
+"""Measure the influence of the finite size of the bodies of the job "hertz" on the pressure.
 
-Bodies of several sizes, with the same meshes at the contact, pressed until the force is that of the
-same Hertz radius. Printed: the displacement of the top, errors against Hertz's solution, and the
-difference of the pressure on the lower body from that of the largest bodies, relative and in L2,
-where cells are even.
+Bodies of several sizes, with the same meshes at the contact, are pressed until the force is that of
+the same Hertz radius. Printed are the displacement of the top, the errors against Hertz's solution,
+and the relative L2 difference of the pressure on the lower body from that of the largest bodies, in
+the region of even cells.
 
     scripts/with-dolfinx python3 bench/peers/hertz_size.py --sizes 20,16 --sides 6 8 12 16
 """
@@ -24,7 +24,7 @@ RADIUS, CLOSE = 1.0, 1e-5
 
 
 def pressure(sizes, u):
-    """Pressure and areas of the nodes of the lower body's top where cells are even."""
+    """Return pressure and areas of nodes on the lower body's top in the region of even cells."""
     body = sphere.bodies(sizes)[0]
     nodes = np.unique(body.high)
     nodes = nodes[body.x[nodes, :2].max(axis=1) < sphere.EVEN[0][0]]
@@ -34,7 +34,7 @@ def pressure(sizes, u):
 
 
 def press(p, sizes):
-    """Displacements and errors once the force has the radius wanted."""
+    """Return displacements and errors for the force of the requested radius."""
     while True:
         u, _ = ours.solve(p, sphere, sizes)
         row = hertz_error.measure(sizes, u)

@@ -1,9 +1,9 @@
-"""Installs the other programs into a folder of their own; the system is left alone.
+"""Install the other programs into a separate folder; the system is not changed.
 
-Kratos and NGSolve come from the Python package index, into a virtual environment; CalculiX and
-GetFEM from Debian, their packages and all they depend on unpacked, and started by the C library
-that came with them; asimov-contact from its repository, compiled with the DOLFINx of the Python
-that runs this. What is needed by hand:
+Kratos and NGSolve come from the Python package index, into a virtual environment. CalculiX and
+GetFEM come from Debian: their packages and all dependencies are unpacked, and start with the C
+library of these packages. asimov-contact comes from its repository, compiled with the DOLFINx of
+the Python that runs this script. To install one program:
 
     python3 bench/peers/install.py getfem --install FOLDER
 """
@@ -32,7 +32,7 @@ MODULES = {
 #: Source of asimov-contact, for DOLFINx 0.9.
 ASIMOV = "https://github.com/Wells-Group/asimov-contact", "v0.9.0"
 
-#: Debian's releases; the newest that has the package is taken, but first that of the system.
+#: Debian's releases; the newest one with the package is used, but the system's own is tried first.
 SUITES = "trixie", "bookworm", "bullseye"
 OTHER_NAMES = "stable", "testing", "unstable", "sid", "forky"
 
@@ -40,14 +40,14 @@ KEYRINGS = [f"/usr/share/keyrings/debian-archive-keyring.{end}" for end in ("pgp
 
 
 class Missing(Exception):
-    """A program is not there; the text says why."""
+    """A program is not available; the text says why."""
 
 
 def run(*command, **kwargs):
-    """Output of a command.
+    """Return the output of a command.
 
     Raises:
-        Missing: If it fails, with the last line of what it said.
+        Missing: If the command fails, with the last line of its output.
     """
     try:
         done = subprocess.run(
@@ -69,19 +69,20 @@ def run(*command, **kwargs):
 
 
 def environment():
-    """That of a program which has nothing to do with our own Python; one thread."""
+    """Return an environment independent of our own Python; one thread."""
     names = "PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH", "PYTHONDONTWRITEBYTECODE"
     kept = {name: value for name, value in os.environ.items() if name not in names}
     return kept | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def python_peer(name, folder, python):
-    """Interpreter that can import Kratos or NGSolve.
+    """Return an interpreter that can import Kratos or NGSolve.
 
     Args:
         name: ``"kratos"`` or ``"ngsolve"``.
-        folder: Where to install it if it is not there, or None.
-        python: Interpreter to make the virtual environment of, or to use as it is without a folder.
+        folder: Folder to install it into if it is not there, or None.
+        python: Interpreter for making the virtual environment, or, without a folder, for direct
+            use.
     """
     interpreter = pathlib.Path(folder, name, "bin", "python") if folder else python
     check = interpreter, "-c", f"import {MODULES[name]}"
@@ -91,7 +92,7 @@ def python_peer(name, folder, python):
     try:
         run(*check, env=environment())
     except Missing:
-        # Debian's Python cannot give a virtual environment a pip of its own: its pip fills it.
+        # Debian's Python cannot put pip into a virtual environment: its own pip installs into it.
         run(python, "-m", "venv", "--clear", "--without-pip", pathlib.Path(folder, name))
         pip = python, "-m", "pip", "--python", interpreter, "install", "--quiet"
         run(*pip, "--only-binary", ":all:", "--disable-pip-version-check", *PACKAGES[name])
@@ -100,18 +101,18 @@ def python_peer(name, folder, python):
 
 
 def calculix(folder):
-    """Command that starts ccx: unpacked into the folder if that is given, or else as on PATH."""
+    """Return a command that starts ccx: unpacked into the folder if given, otherwise on PATH."""
     script = from_debian(folder, "calculix", "ccx", "calculix-ccx", write_script)
     check_ccx(script)
     return str(script)
 
 
 def getfem(folder, python):
-    """Interpreter that can import GetFEM: Debian's, unpacked into the folder if that is given.
+    """Return an interpreter that can import GetFEM: Debian's, unpacked into the folder if given.
 
     Args:
-        folder: Where to unpack it if it is not there, or None.
-        python: Interpreter to use as it is without a folder.
+        folder: Folder to unpack it into if it is not there, or None.
+        python: Interpreter for direct use, without a folder.
     """
     script = python
     if folder:
@@ -121,11 +122,11 @@ def getfem(folder, python):
 
 
 def from_debian(folder, name, command, package, write):
-    """Script that starts a program of Debian; unpacked into the folder where it is not there yet.
+    """Return a script that starts a program of Debian; unpack the program if it is not there yet.
 
     Args:
-        folder: Where programs are installed to, or None for the command as on PATH.
-        name: Folder of the program in it.
+        folder: Folder of all programs, or None for the command on PATH.
+        name: Name of the program's folder in it.
         command: Name of the script.
         package: Debian's package.
         write: Called with the script's path to write it.
@@ -150,14 +151,14 @@ def from_debian(folder, name, command, package, write):
 
 
 def check_ccx(command):
-    """Raises Missing if it does not start; asked for its version, it ends with an error."""
+    """Raise Missing if the program does not start; its version option ends with an error."""
     said = run("sh", "-c", '"$1" -v 2>&1 || true', "sh", command)
     if "Version" not in said:
         raise Missing(said.strip().split("\n")[-1])
 
 
 def sources():
-    """Releases of Debian to try, the system's own first: name, and address as its apt has it."""
+    """Return releases of Debian to try, the system's own first: name, and address for apt."""
     found = {}
     for line in run("apt-get", "--print-uris", "-o", "Debug::NoLocking=true", "update").split("\n"):
         match = re.match("'(.+)/dists/([^/]+)/InRelease'", line)
@@ -170,7 +171,7 @@ def sources():
 
 
 def unpack(folder, source, package):
-    """Download and unpack a package with all it depends on; with an apt state of its own."""
+    """Download and unpack a package with all its dependencies, with a separate apt state."""
     apt = folder.absolute() / "apt"
     for name in ("lists/partial", "archives/partial", "parts"):
         (apt / name).mkdir(parents=True, exist_ok=True)
@@ -195,12 +196,12 @@ def unpack(folder, source, package):
 
 
 def write_script(script):
-    """A script that starts ccx with the libraries that were unpacked beside it."""
+    """Write a script that starts ccx with the unpacked libraries."""
     write_start(script, "usr/bin/ccx*")
 
 
 def write_python(script):
-    """The same for Python, which is told where its own modules are."""
+    """Write a script that starts Python with the unpacked libraries and its own modules."""
     home = script.parent.absolute() / "root" / "usr"
     write_start(
         script, "usr/bin/python3.[0-9][0-9]", f'export PYTHONHOME="{home}" PYTHONNOUSERSITE=1\n'
@@ -208,12 +209,12 @@ def write_python(script):
 
 
 def write_start(script, pattern, before=""):
-    """A script that starts an unpacked program by the C library that came with it.
+    """Write a script that starts an unpacked program with the C library that came with it.
 
     Args:
-        script: Its path; the packages are in the folder ``root`` beside it.
-        pattern: What the program's path matches.
-        before: Lines of the script before that.
+        script: Path of the script; the packages are in the folder ``root`` beside it.
+        pattern: Pattern of the program's path.
+        before: Lines of the script before the start of the program.
     """
     root = script.parent.absolute() / "root"
     loaders = [p for p in root.glob("**/ld-linux*.so.*") if p.is_file() and not p.is_symlink()]
@@ -229,10 +230,10 @@ def write_start(script, pattern, before=""):
 
 
 def asimov(folder, source):
-    """Folder of asimov-contact's Python package; None where Python has it already.
+    """Return the folder of asimov-contact's Python package; None if Python has it already.
 
     Args:
-        folder: Where to compile it if it is not there, or None.
+        folder: Folder to compile it in if it is not there, or None.
         source: Folder of its source, or None to clone it.
     """
     path = pathlib.Path(folder, "asimov", "python").absolute() if folder else None
@@ -249,7 +250,7 @@ def asimov(folder, source):
 
 
 def with_path(path):
-    """Our own environment, with a folder of Python packages if one is given; one thread."""
+    """Return our own environment, with a folder of Python packages if one is given; one thread."""
     paths = [str(path or ""), os.environ.get("PYTHONPATH", "")]
     found = {"PYTHONPATH": os.pathsep.join(p for p in paths if p), "OMP_NUM_THREADS": "1"}
     kept = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
@@ -257,7 +258,7 @@ def with_path(path):
 
 
 def compile_asimov(path, source):
-    """Compile the library and its Python package, which is put there, beside the library."""
+    """Compile the library and its Python package; the package is put beside the library."""
     root = path.parent
     run(sys.executable, "-c", "import dolfinx")
     shutil.rmtree(root, ignore_errors=True)
@@ -280,15 +281,16 @@ def compile_asimov(path, source):
 
 
 def prepare(names, folder, python, say, source=None):
-    """What starts each program, or the reason why it is missing.
+    """Return what starts each program, or the reason why it is missing.
 
-    That is a command prefix, or a folder of Python's path for asimov-contact.
+    A program is started by a command prefix; for asimov-contact the value is a folder of Python's
+    path.
 
     Args:
-        names: The programs.
-        folder: Where they are, or are installed to; None takes what the system has.
-        python: Interpreter for Kratos and NGSolve, or None for the one that runs this.
-        say: Told what is looked for.
+        names: Names of the programs.
+        folder: Folder of the installed programs; with None the system's programs are used.
+        python: Interpreter for Kratos and NGSolve, or None for the one that runs this script.
+        say: Function that reports the progress.
         source: Folder of asimov-contact's source, or None to clone it.
     """
     python = python or sys.executable
@@ -315,7 +317,7 @@ def main():
     )
     names = *PACKAGES, "calculix", "getfem", "asimov"
     parser.add_argument("names", nargs="+", choices=names, metavar="NAME", help=", ".join(names))
-    parser.add_argument("--install", metavar="FOLDER", help="install here what is missing")
+    parser.add_argument("--install", metavar="FOLDER", help="folder for missing programs")
     parser.add_argument("--python", help="interpreter for Kratos and NGSolve")
     p = parser.parse_args()
     for name, how in prepare(p.names, p.install, p.python, print).items():

@@ -1,4 +1,4 @@
-"""A job through Kratos Multiphysics: mortar contact of its ContactStructuralMechanicsApplication.
+"""Run a job through Kratos Multiphysics: mortar contact of ContactStructuralMechanicsApplication.
 
 python3 bench/peers/kratos.py --sizes 22,18 --contact penalty --linear amgcl
 """
@@ -38,7 +38,7 @@ LINEAR = {
 
 
 def held(part, value):
-    """Process that holds nodes at a displacement; None for axes along which they are free."""
+    """Return a process that prescribes the displacement of nodes; None for free axes."""
     return {
         "python_module": "assign_vector_variable_process",
         "kratos_module": "KratosMultiphysics",
@@ -46,24 +46,24 @@ def held(part, value):
             "model_part_name": f"Structure.{part}",
             "variable_name": "DISPLACEMENT",
             "constrained": [z is not None for z in value],
-            "value": value,  # of axes that are not constrained, too
+            "value": value,  # also for axes that are not constrained
             "interval": [0.0, "End"],
         },
     }
 
 
 def penalty_of_kratos(p):
-    """Penalty that makes Kratos' contact about as stiff as that of the others.
+    """Return the penalty that makes Kratos' contact about as stiff as that of the other programs.
 
-    Its gaps are weighted by the area of the slave's nodes. The factor of 9 is measured: it is what
-    gives the force of the others on the smallest meshes.
+    Kratos weights its gaps by the area of the slave's nodes. The factor of 9 is empirical: with it
+    the force equals that of the other programs on the smallest meshes.
     """
     h = p.job.cell_size(p.sizes[NAMES.index(p.slave)])
     return jobs.penalty(p.job, p.sizes, p.factor) * 9 / h**2
 
 
 def settings(p, planes):
-    """Project parameters; `planes` are the axes of the symmetry planes."""
+    """Return the project parameters; `planes` are the axes of the symmetry planes."""
     penalty = p.contact == "penalty"
     master = NAMES[p.slave == NAMES[0]]
     constraints = [held("held_lower", [0.0] * 3), held("held_upper", [0.0, 0.0, p.job.PRESS])]
@@ -129,7 +129,7 @@ def settings(p, planes):
 
 
 def fill(model_part, job, bodies):
-    """Nodes, elements, contact conditions and properties of both cubes."""
+    """Add nodes, elements, contact conditions and properties of both cubes."""
     node, cell, face = 1, 1, 1
     for axis in bodies[0].planes:
         model_part.CreateSubModelPart(f"plane_{axis}")
@@ -165,9 +165,9 @@ def main():
     jobs.add_arguments(parser)
     parser.add_argument("--contact", choices=("penalty", "alm"), default="penalty")
     parser.add_argument("--linear", choices=tuple(LINEAR), default="amgcl")
-    parser.add_argument("--factor", type=float, help="penalty over E/h; otherwise Kratos' own")
+    parser.add_argument("--factor", type=float, help="penalty over E/h; default: Kratos' own")
     parser.add_argument("--slave", choices=NAMES, default="upper")
-    parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
+    parser.add_argument("--rtol", type=float, default=1e-6, help="tolerance of Newton's method")
     p = jobs.parse(parser)
     bodies = p.job.bodies(p.sizes)
     KM.ParallelUtilities.SetNumThreads(1)

@@ -1,4 +1,4 @@
-"""A job through NGSolve: its ContactBoundary with a penalty energy, sampled on the slave.
+"""Run a job through NGSolve: its ContactBoundary with a penalty energy, sampled on the slave.
 
 python3 bench/peers/ngsolve_.py --sizes 22,18 --linear cg
 """
@@ -15,12 +15,12 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 import jobs
 
-#: Relative residual at which CG ends, and the gap that counts as closed.
+#: Relative residual at which CG stops, and the gap below which contact counts as closed.
 LINEAR, TOUCHING = 1e-8, 1e-12
 
 
 def create_mesh(bodies):
-    """Both bodies in one mesh, with their faces by name."""
+    """Make one mesh of both bodies, with named faces."""
     msh = netgen.Mesh()
     msh.dim = 3
     names, first = [], 0
@@ -42,7 +42,7 @@ def create_mesh(bodies):
 
 
 def strain_energy(msh, u, job):
-    """Density of the energy of both bodies."""
+    """Return the energy density of both bodies."""
     mu, lame = (
         msh.MaterialCF({"lower": factor * job.E[0], "upper": factor * job.E[1]})
         for factor in (
@@ -55,7 +55,7 @@ def strain_energy(msh, u, job):
 
 
 def solve(p):
-    """Displacements and row of results."""
+    """Return displacements and row of results."""
     bodies = p.job.bodies(p.sizes)
     msh = create_mesh(bodies)
     planes = {"xyz"[k]: f"held_.*|plane{k}_.*" for k in bodies[0].planes}
@@ -69,7 +69,7 @@ def solve(p):
     x = ng.CF((ng.x, ng.y, ng.z))
     gap = (x + u - (x.Other() + u.Other())) * ng.specialcf.normal(3)
     epsilon = jobs.penalty(p.job, p.sizes, p.factor)
-    # Touching counts as closed; otherwise the upper cube would first fall through the lower one.
+    # Touching counts as closed; otherwise the upper cube would first move through the lower one.
     contact.AddEnergy(ng.IfPos(gap + TOUCHING, epsilon / 2 * gap**2, 0))
     gf.Set(ng.CF((0, 0, p.job.PRESS)), definedon=msh.Boundaries("held_1"))
     contact.Update(gf, a, intorder=p.order, maxdist=max(p.job.cell_size(n) for n in p.sizes))
@@ -109,8 +109,8 @@ def main():
     parser.add_argument("--linear", choices=("cg", "sparsecholesky", "umfpack"), default="cg")
     parser.add_argument("--factor", type=float, default=10.0, help="penalty over E/h")
     parser.add_argument("--slave", choices=("lower", "upper"), default="upper")
-    parser.add_argument("--order", type=int, default=4, help="of the quadrature of the contact")
-    parser.add_argument("--rtol", type=float, default=1e-6, help="where Newton's method ends")
+    parser.add_argument("--order", type=int, default=4, help="quadrature order of the contact")
+    parser.add_argument("--rtol", type=float, default=1e-6, help="tolerance of Newton's method")
     p = jobs.parse(parser)
     ng.SetNumThreads(1)
     u, row = solve(p)

@@ -1,4 +1,4 @@
-"""A job through qsdolfinx, on one rank.
+"""Run a job through qsdolfinx, on one rank.
 
 scripts/with-dolfinx python3 bench/peers/ours.py --sizes 22,18 --quadrature overlay
 scripts/with-dolfinx python3 bench/peers/ours.py --job hertz --sizes 13,10
@@ -30,11 +30,11 @@ COMM = MPI.COMM_WORLD
 
 
 def create_body(body, i, job):
-    """Form, displacement, conditions and contact surface of the lower (0) or the upper body (1)."""
+    """Return form, displacement, conditions, contact surface of the lower (0) or upper (1) body."""
     msh = dolfinx_mesh.create_mesh(COMM, body.x, body.cells)
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
-    # Constants, so that both bodies have the same form to compile.
+    # Constants, so that both bodies share one compiled form.
     mu = fem.Constant(msh, job.E[i] / (2 * (1 + job.NU)))
     lame = fem.Constant(msh, job.E[i] * job.NU / ((1 + job.NU) * (1 - 2 * job.NU)))
     strain = ufl.sym(ufl.grad(u))
@@ -48,13 +48,13 @@ def create_body(body, i, job):
         for W, quads in ((V.sub(axis), quads) for axis, quads in body.planes.items())
     ]
     bcs.append(fem.dirichletbc(value, fem.locate_dofs_topological(V, 2, held), V))
-    # Eight points in each cell, as the others have: exact for boxes.
+    # Eight points in each cell, as in the other programs: exact for boxes.
     dx = ufl.dx(degree=3)
     return ufl.inner(stress, ufl.grad(v)) * dx, u, bcs, qs.Surface(V, facets=touching)
 
 
 def solve(p, job, sizes):
-    """Displacements and row of results."""
+    """Return displacements and row of results."""
     start = time.perf_counter()
     bodies = [create_body(body, i, job) for i, body in enumerate(job.bodies(sizes))]
     coarser = int(sizes[1] < sizes[0])
@@ -98,7 +98,7 @@ def solve(p, job, sizes):
 
 
 def arguments():
-    """What the driver is given."""
+    """Parse the arguments of the driver."""
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     jobs.add_arguments(parser)
@@ -108,11 +108,11 @@ def arguments():
     add("--enforcement", choices=enforcements, default="augmented-lagrangian")
     add("--slave", choices=("coarser", "finer", "lower", "upper"), default="coarser")
     add("--constraints", choices=("nodes", "points"), default="nodes")
-    add("--degree", type=int, help="of the rule on the overlay's pieces; otherwise as by default")
-    add("--factor", type=float, help="penalty over E/h; otherwise the automatic one")
+    add("--degree", type=int, help="quadrature degree on the overlay's segments")
+    add("--factor", type=float, help="penalty over E/h; default: automatic")
     add("--gap-tolerance", type=float, default=1e-8)
     add("--solver", default="amg")
-    add("--rtol", type=float, help="residual at which Newton's method ends")
+    add("--rtol", type=float, help="tolerance of Newton's method")
     return parser
 
 

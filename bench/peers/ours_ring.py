@@ -1,4 +1,4 @@
-"""The half ring of ring.py by ours: finite sliding, quasi-symmetric, on the overlay.
+"""Run the half ring of ring.py with qsdolfinx: finite sliding, quasi-symmetric, overlay.
 
     python3 bench/peers/ours_ring.py --refine 1 --friction 0.2
 
@@ -41,7 +41,7 @@ class Body:
         stress = qs.materials.neo_hookean(self.u, *moduli)
         self.F = ufl.inner(stress, ufl.grad(v)) * ufl.dx(degree=3)
         self._form = fem.form(self.F)
-        #: Unknowns' nodes by ring.py's numbers.
+        #: Nodes of the unknowns, in ring.py's numbering.
         x = V.tabulate_dof_coordinates()[:, :2]
         self.node = np.array([np.argmin(np.sum((x - p) ** 2, axis=1)) for p in given.x])
         self.ends = fem.Function(V)
@@ -49,7 +49,7 @@ class Body:
         self.bcs = [fem.dirichletbc(self.ends, held)]
 
     def surface(self, edges):
-        """Surface of some edges, of given nodes."""
+        """Return the surface of the edges with these nodes."""
         msh, middle = self.V.mesh, self.given.x[edges].mean(axis=1)
         msh.topology.create_connectivity(1, 2)
         outer = mesh.exterior_facet_indices(msh.topology)
@@ -58,27 +58,27 @@ class Body:
         return qs.Surface(self.V, facets=outer[near < 1e-9])
 
     def displacements(self):
-        """Those of ring.py's nodes."""
+        """Return the displacements of ring.py's nodes."""
         return self.u.x.array.reshape(-1, 2)[self.node]
 
     def forces(self):
-        """Forces that the stress asks of the nodes."""
+        """Return the nodal forces of the stress."""
         b = fem.assemble_vector(self._form)
         b.scatter_reverse(la.InsertMode.add)
         return b.array.reshape(-1, 2)[self.node]
 
     def reaction(self):
-        """Force of the clamped nodes on the body."""
+        """Return the force of the clamped nodes on the body."""
         return self.forces()[self.given.held].sum(axis=0)
 
     def tracked(self):
-        """Displacements by name."""
+        """Return displacements by name."""
         u = self.displacements()
         return {name: u[n].tolist() for name, n in self.given.tracked.items()}
 
 
 def run(p):
-    """A row for each step."""
+    """Run the path; return a row for each step."""
     made = {n: Body(given, ring.moduli(n)) for n, given in ring.bodies(p.refine).items()}
     upper, lower = made["ring"], made["block"]
     friction = qs.Coulomb(p.friction) if p.friction else None
@@ -120,12 +120,12 @@ def run(p):
 
 
 def arguments(text):
-    """A parser of what all jobs of ours have."""
+    """Make a parser with the options of all our jobs."""
     parser = argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--refine", type=int, default=1, help="all cells are cut by it")
+    add("--refine", type=int, default=1, help="refinement factor of all cells")
     add("--friction", type=float, default=0.0)
     add("--pressing-only", action="store_true")
     add("--formulation", default="quasi-symmetric")

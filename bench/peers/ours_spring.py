@@ -1,9 +1,9 @@
-"""The spring of spring.py by ours: finite sliding of a surface on itself.
+"""Run the spring of spring.py with qsdolfinx: finite sliding in self-contact.
 
     python3 bench/peers/ours_spring.py --refine 1 --friction 0.2
 
-Prints the table of spring.py and a line ``RESULT {json}``. With --two, the halves of the surface
-below and above are named as two surfaces.
+Prints the table of spring.py and a line ``RESULT {json}``. With --two, the lower and the upper half
+of the surface are two surfaces.
 """
 
 import json
@@ -23,7 +23,7 @@ import qsdolfinx as qs
 
 
 def run(p):
-    """A row for each step."""
+    """Run the path; return a row for each step."""
     given = spring.spring(p.refine)
     body = ours_ring.Body(given, spring.moduli())
     if p.two:
@@ -60,7 +60,7 @@ def main():
     parser = ours_ring.arguments(__doc__)
     parser.add_argument("--two", action="store_true", help="two surfaces")
     parser.add_argument("--search-radius", type=float)
-    parser.add_argument("--output", metavar="NPZ", help="displacements of all nodes at the end")
+    parser.add_argument("--output", metavar="NPZ", help="file of final nodal displacements")
     p = parser.parse_args()
     if MPI.COMM_WORLD.size > 1:
         parser.error("on one rank")

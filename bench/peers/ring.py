@@ -4,10 +4,11 @@ Plane strain, both bodies neo-Hookean with the energy
 
     W = μ/2 (tr C - 2 - 2 ln J) + λ/2 ln² J,   C = FᵀF in the plane, J = det F.
 
-The ring is the lower half of an annulus whose lowest node touches the middle of the block's top,
-y = 0. Its two ends are clamped and moved down by DOWN in equal steps, then to the right by ALONG.
-The block's bottom is clamped, its sides are free. Contact is unilateral, without friction or with
-Coulomb's; it never sees the sides of the block. Meshes are quadrilaterals of degree 1.
+The ring is the lower half of an annulus whose lowest node touches the middle of the block's top, y
+= 0. Its two ends are clamped and moved down by DOWN in equal steps, then to the right by ALONG. The
+block's bottom is clamped, its sides are free. Contact is unilateral, without friction or with
+Coulomb friction; the sides of the block are not part of the contact surface. Meshes are
+quadrilaterals of degree 1.
 
     python3 bench/peers/ring.py --refine 1      # what the meshes are
 """
@@ -17,16 +18,16 @@ import dataclasses
 
 import numpy as np
 
-#: Of the ring, about (0, OUTER); and of the block, beneath y = 0 and symmetric to x = 0.
+#: Dimensions of the ring, about (0, OUTER), and of the block, below y = 0 and symmetric to x = 0.
 INNER, OUTER = 0.8, 1.0
 WIDTH, HEIGHT = 3.0, 0.6
 
 #: Young's modulus of the ring and of the block.
 E, NU = {"ring": 1e3, "block": 3e2}, 0.3
-#: Coefficient of friction, where there is any.
+#: Coefficient of friction, if there is friction.
 FRICTION = 0.2
 
-#: What the ends are moved by, and in how many steps.
+#: Displacements of the ends, and numbers of steps.
 DOWN, DOWN_STEPS = 0.4, 10
 ALONG, ALONG_STEPS = 0.3, 6
 
@@ -36,14 +37,15 @@ CELLS = {"ring": (64, 4), "block": (48, 10)}
 
 @dataclasses.dataclass
 class Body:
-    """A body: node coordinates, and what is made of them by number.
+    """A body: node coordinates, and its sets of node numbers.
 
     Attributes:
         x: Coordinates of nodes, (n, 2).
         cells: Nodes of quadrilaterals, counterclockwise, (m, 4).
-        touching: Nodes of the edges that may touch, in the direction that has the body on its left.
+        touching: Nodes of the edges that may come into contact, in the direction with the body on
+            its left.
         held: Nodes that are clamped.
-        tracked: Nodes whose displacements are told, by name.
+        tracked: Nodes whose displacements are reported, by name.
     """
 
     x: np.ndarray
@@ -54,19 +56,19 @@ class Body:
 
 
 def lattice(n, m):
-    """Numbers of the nodes of n times m cells, (n + 1, m + 1), and the cells."""
+    """Return the numbers of the nodes of n times m cells, (n + 1, m + 1), and the cells."""
     number = np.arange((n + 1) * (m + 1)).reshape(n + 1, m + 1)
     corners = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     return number, np.stack([c.ravel() for c in corners], axis=1)
 
 
 def ring(refine=1):
-    """The half ring; cells run from its left end to its right one, and from outside to inside."""
+    """Make the half ring; cells run from its left to its right end, and from outside to inside."""
     n, m = (refine * k for k in CELLS["ring"])
     number, cells = lattice(n, m)
     angle = np.pi * (1 + np.arange(n + 1) / n)
     radius = np.linspace(OUTER, INNER, m + 1)
-    # Halves are mirror images to the last bit, and the lowest node is on the block.
+    # Both halves are exact mirror images, and the lowest node is on the block.
     cos = np.cos(angle)
     cos = (cos - cos[::-1]) / 2
     sin = np.sin(angle)
@@ -84,7 +86,7 @@ def ring(refine=1):
 
 
 def block(refine=1):
-    """The block; cells run from left to right, and from the bottom to the top."""
+    """Make the block; cells run from left to right, and from the bottom to the top."""
     n, m = (refine * k for k in CELLS["block"])
     number, cells = lattice(n, m)
     across, up = WIDTH * np.arange(-n, n + 1, 2) / (2 * n), HEIGHT * np.arange(-m, 1) / m
@@ -105,17 +107,17 @@ def block(refine=1):
 
 
 def bodies(refine=1):
-    """Both, by name."""
+    """Make both bodies, by name."""
     return {"ring": ring(refine), "block": block(refine)}
 
 
 def moduli(name):
-    """μ and λ of a body."""
+    """Return μ and λ of a body."""
     return E[name] / (2 * (1 + NU)), E[name] * NU / ((1 + NU) * (1 - 2 * NU))
 
 
 def path(along=True):
-    """Displacements of the ring's ends, one a step."""
+    """Return the displacements of the ring's ends, one per step."""
     down = [(0.0, -DOWN * (i + 1) / DOWN_STEPS) for i in range(DOWN_STEPS)]
     right = [(ALONG * (i + 1) / ALONG_STEPS, -DOWN) for i in range(ALONG_STEPS)]
     return down + right * along
@@ -125,7 +127,7 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--refine", type=int, default=1, help="all cells are cut by it")
+    parser.add_argument("--refine", type=int, default=1, help="refinement factor of all cells")
     p = parser.parse_args()
     for name, body in bodies(p.refine).items():
         print(

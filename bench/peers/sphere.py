@@ -15,16 +15,17 @@ E_STAR = 1 / sum((1 - NU**2) / modulus for modulus in E)
 R = 100.0
 SIDE = 8.0  # of each body, in all directions
 PRESS = -0.0093
-#: Cells keep their size up to here, across and upwards, with these shares of their number.
+#: Cells have the same size up to these lengths, across and upwards, with these fractions of their
+#: number.
 EVEN = ((1.2, 0.5), (0.48, 0.2))
 
 
 def grade(n, even):
-    """Coordinates from 0 to SIDE: steps are even at first, then grow smoothly.
+    """Return coordinates from 0 to SIDE: steps are even at first, then grow smoothly.
 
     Args:
         n: Number of steps.
-        even: Length with even steps, and share of the steps it takes.
+        even: Length with even steps, and the fraction of the steps in it.
     """
     length, share = even
     rest, slope = 1 - share, length / share
@@ -43,7 +44,7 @@ def grade(n, even):
 
 
 def bodies(sizes):
-    """The block below z = 0, and the upper body."""
+    """Make the block below z = 0, and the upper body."""
     lower, upper = (
         block(grade(n, EVEN[0]), sign * grade(n, EVEN[1])[::sign], symmetric=True)
         for n, sign in zip(sizes, (-1, 1), strict=True)
@@ -54,5 +55,5 @@ def bodies(sizes):
 
 
 def cell_size(n):
-    """Size of the cells of n at the contact."""
+    """Return the cell size at the contact for n cells along an edge."""
     return EVEN[0][0] / EVEN[0][1] / n

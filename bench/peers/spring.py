@@ -1,11 +1,11 @@
-"""A spring whose legs are pressed on each other: contact of a surface with itself.
+"""A spring whose legs are pressed on each other: self-contact of a surface.
 
 Plane strain, neo-Hookean as in ring.py. The spring is a half ring about the origin with a leg at
 each end, to the right of it; legs are bowed towards each other. The face at the end of the lower
-leg is clamped. That of the upper one is clamped and moved, down by DOWN in equal steps and then to
-the right by ALONG. The whole inner boundary, of both legs and the half ring, is one surface that
-may touch itself, without friction or with Coulomb's. Meshes are quadrilaterals of degree 1, legs
-have different numbers of cells, so that nodes do not meet.
+leg is clamped. The face at the end of the upper leg is clamped and moved, down by DOWN in equal
+steps and then to the right by ALONG. The whole inner boundary, of both legs and the half ring, is
+one surface in self-contact, without friction or with Coulomb friction. Meshes are quadrilaterals of
+degree 1; the legs have different numbers of cells, so that nodes do not coincide.
 
     python3 bench/peers/spring.py --refine 1      # what the mesh is
 """
@@ -21,22 +21,22 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 import ring
 
-#: Inner radius of the half ring, thickness, length of the legs, what the bow narrows the gap by.
+#: Inner radius of the half ring, thickness, length of the legs, reduction of the gap by the bow.
 INNER, THICK, LENGTH, BOW = 0.5, 0.3, 2.0, 0.25
 
 #: Young's modulus.
 E, NU = 1e3, 0.3
-#: Coefficient of friction, where there is any.
+#: Coefficient of friction, if there is friction.
 FRICTION = 0.2
 
-#: What the end is moved by, and in how many steps.
+#: Displacements of the end, and numbers of steps.
 DOWN, DOWN_STEPS = 0.9, 15
 ALONG, ALONG_STEPS = 0.2, 5
 
 #: Cells along the lower leg, the half ring and the upper leg, and across, before refinement.
 CELLS, ACROSS = (80, 36, 70), 5
 
-#: Share of the greatest force from which on a node counts as closed.
+#: Fraction of the largest force above which a node counts as active.
 CLOSED = 0.01
 
 HEADER = (
@@ -47,7 +47,7 @@ HEADER = (
 
 @dataclasses.dataclass
 class Spring(ring.Body):
-    """The spring; held are the nodes of both ends.
+    """The spring; the held nodes are those of both ends.
 
     Attributes:
         moved: Nodes of the upper end.
@@ -57,16 +57,16 @@ class Spring(ring.Body):
 
     @property
     def fixed(self):
-        """Nodes of the lower end."""
+        """Return the nodes of the lower end."""
         return np.setdiff1d(self.held, self.moved)
 
     def half(self, sign):
-        """Edges that may touch below (-1) or above (1)."""
+        """Return the edges of the contact surface below (-1) or above (1)."""
         return self.touching[sign * self.x[self.touching].mean(axis=1)[:, 1] > 0]
 
 
 def spring(refine=1):
-    """The mesh; cells run from the lower end to the upper one, and from inside to outside."""
+    """Make the mesh; cells run from the lower to the upper end, and from inside to outside."""
     of_lower, of_ring, of_upper = (refine * k for k in CELLS)
     number, cells = ring.lattice(of_lower + of_ring + of_upper, refine * ACROSS)
     lower = LENGTH * np.arange(of_lower, 0, -1) / of_lower
@@ -88,43 +88,44 @@ def spring(refine=1):
 
 
 def leg(x, out, sign):
-    """Nodes of the lower (-1) or the upper (1) leg, (n, m, 2)."""
+    """Return the nodes of the lower (-1) or the upper (1) leg, (n, m, 2)."""
     bow = BOW * (1 - np.cos(np.pi * x / LENGTH) ** 4)
     y = (INNER - bow)[:, None] + out
     return np.stack([np.broadcast_to(x[:, None], y.shape), sign * y], axis=-1)
 
 
 def arc(angle, out):
-    """Nodes of the half ring."""
+    """Return the nodes of the half ring."""
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return direction[:, None] * (INNER + out)[:, None]
 
 
 def moduli():
-    """μ and λ."""
+    """Return μ and λ."""
     return E / (2 * (1 + NU)), E * NU / ((1 + NU) * (1 - 2 * NU))
 
 
 def path(along=True):
-    """Displacements of the upper end, one a step."""
+    """Return the displacements of the upper end, one per step."""
     down = [(0.0, -DOWN * (i + 1) / DOWN_STEPS) for i in range(DOWN_STEPS)]
     right = [(ALONG * (i + 1) / ALONG_STEPS, -DOWN) for i in range(ALONG_STEPS)]
     return down + right * along
 
 
 def told(body, u, forces):
-    """What is told of a state.
+    """Return the results of a state.
 
     Args:
         body: The spring.
         u: Displacements of its nodes, (n, 2).
-        forces: Forces that the stress asks of its nodes.
+        forces: Nodal forces of the stress.
 
     Returns:
         By name: ``down`` and ``along``, the force on the moved end; ``contact`` and ``rubs``, the
-        same of the contact on the lower half; ``balance``, the greatest component of the forces'
-        sum; ``inside``, the greatest force left at a node that nothing touches; the number of
-        nodes whose force is more than CLOSED of the greatest; displacements of tracked nodes.
+        normal and tangential contact force on the lower half; ``balance``, the largest component of
+        the forces' sum; ``inside``, the largest residual force at a node without contact and
+        conditions; the number of nodes whose force is more than CLOSED of the largest;
+        displacements of tracked nodes.
     """
     touching, lower = (np.unique(edges) for edges in (body.touching, body.half(-1)))
     size = np.hypot(*forces[np.setdiff1d(touching, body.held)].T)
@@ -144,7 +145,7 @@ def told(body, u, forces):
 
 
 def line(ends, row):
-    """A line of the table of HEADER."""
+    """Format a line of the table of HEADER."""
     at = row["tracked"]
     return (
         f"{ends[0]:6.2f}{ends[1]:7.2f}{row['down']:10.4f}{row['along']:9.4f}"
@@ -158,7 +159,7 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--refine", type=int, default=1, help="all cells are cut by it")
+    parser.add_argument("--refine", type=int, default=1, help="refinement factor of all cells")
     p = parser.parse_args()
     body = spring(p.refine)
     print(

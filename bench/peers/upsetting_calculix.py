@@ -1,9 +1,9 @@
-"""The billet of bench/upsetting_j2.py through CalculiX: writes its input, runs ccx, reads it.
+"""Run the billet of bench/upsetting_j2.py through CalculiX: write input, run ccx, read output.
 
-CAX8R, finite strains (NLGEOM with PLASTIC). The face is held at the die; the side folds on to a
-ring of the die, which is held, by surface-to-surface penalty contact with friction. CalculiX makes
-wedges of 2 degrees of axisymmetric elements, and prints their forces. Not every penalty lets it
-come to the end: several are tried, the largest ones first.
+CAX8R, finite strains (NLGEOM with PLASTIC). The face sticks to the die. The side folds onto a ring
+of the die, which is fixed, with surface-to-surface penalty contact and friction. CalculiX makes
+wedges of 2 degrees from axisymmetric elements, and prints their forces. Not every penalty reaches
+the end of the run: several are tried, the largest ones first.
 
     python3 bench/peers/upsetting_calculix.py --ccx ccx --cells 8
 """
@@ -19,9 +19,9 @@ import numpy as np
 
 RADIUS, HEIGHT, STROKE = 10.0, 15.0, 9.0
 WEDGES = 180
-#: Stress per length, and longest increment, that are tried.
+#: Penalties (stress per length) and longest increments that are tried.
 TRIALS = [(penalty, longest) for penalty in (2e5, 1e5, 5e4) for longest in (0.02, 0.01)]
-#: Stress per length, of friction.
+#: Penalty of friction (stress per length).
 STICK = 1e5
 
 CARDS = """*SURFACE INTERACTION, NAME=I
@@ -62,7 +62,7 @@ U
 
 
 def deck(cells, penalty=TRIALS[0][0], longest=TRIALS[0][1]):
-    """The input file for so many squares along the radius."""
+    """Write the input file for a number of squares along the radius."""
     n, m = cells, round(cells * HEIGHT / RADIUS)
     places = [(i, j) for j in range(2 * m + 1) for i in range(2 * n + 1) if not i % 2 * (j % 2)]
     number = {place: k for k, place in enumerate(places, 1)}
@@ -90,7 +90,7 @@ def deck(cells, penalty=TRIALS[0][0], longest=TRIALS[0][1]):
 
 
 def _ring(nodes, cells, count=8):
-    """The die beyond the edge, in elements that follow so many nodes and cells."""
+    """Add the die beyond the edge, in elements numbered after the existing nodes and cells."""
     text = ["*NODE, NSET=DIE"]
     for k in range(2 * (count + 1)):
         r = RADIUS - 0.01 + 12 * (k // 2) / count
@@ -104,7 +104,7 @@ def _ring(nodes, cells, count=8):
 
 
 def run(command, cells):
-    """Reductions, forces (N) and radii at half height (mm), as far as it came; and the penalty."""
+    """Return reductions, forces (N), radii at half height (mm), as far as it came, and penalty."""
     best = None
     for penalty, longest in TRIALS:
         found = _run(command, deck(cells, penalty, longest)) | {"penalty": penalty}
@@ -116,7 +116,7 @@ def run(command, cells):
 
 
 def _run(command, text, seconds=120):
-    """Of one input file."""
+    """Run one input file."""
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         (folder / "job.inp").write_text(text)

@@ -1,1 +1,1 @@
-"""What the demos share beside their physics: command lines, pictures, tables, files."""
+"""Helpers that the demos share: command lines, pictures, tables and files, but no physics."""

@@ -1,4 +1,4 @@
-"""The picture of the demo of curved beams."""
+"""Draw the picture of the demo of curved beams."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from common.drawing import cells, draw_cells, node_values, pyplot, save
 
 
 class Beams:
-    """The beams of the first mesh at some shifts, and forces of all meshes.
+    """Collect the beams of the first mesh at some shifts, and the forces of all meshes.
 
     Args:
-        shifts: At which to keep them.
+        shifts: Shifts at which the beams are kept.
     """
 
     def __init__(self, shifts):
@@ -17,7 +17,7 @@ class Beams:
         self.mesh, self.states = None, []
 
     def __call__(self, row, scene):
-        """Keep the beams, if they are to be drawn. Collective."""
+        """Keep the present beams, if they are to be drawn. Collective."""
         beams = scene[:2]
         self.mesh = self.mesh or beams[0].mesh
         if beams[0].mesh is self.mesh and row.shift in self.shifts:
@@ -25,11 +25,11 @@ class Beams:
             self.states.append((row, shapes))
 
     def draw(self, filename, lines):
-        """Draw the beams, and forces over shifts; on rank 0.
+        """Draw the beams, and the forces over the shifts; on rank 0.
 
         Args:
-            filename: Of the picture.
-            lines: Rows of each mesh, by what it is called.
+            filename: Name of the picture file.
+            lines: Table rows of each mesh, by the name of the mesh.
         """
         if self.states[0][1][0] is None:
             return
@@ -54,7 +54,7 @@ class Beams:
         save(figure, filename)
 
     def draw_forces(self, axis, lines):
-        """Both components over the shift, of each mesh, and the states that are drawn."""
+        """Draw both force components over the shift for each mesh, and mark the drawn states."""
         for (name, rows), style in zip(lines.items(), ("o", "-"), strict=True):
             shift = [row.shift for row in rows]
             for key, colour in (("fx", "tab:blue"), ("fy", "tab:red")):

@@ -1,4 +1,4 @@
-"""What bodies are made of and held by, in few words: facets, conditions, loads, reactions."""
+"""Short functions to set up bodies: facets, Dirichlet conditions, loads, reactions."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from qsdolfinx.compat import model_to_mesh
 
 
 def gmsh_mesh(comm, dim, draw):
-    """Mesh of all that ``draw(gmsh)`` draws, which is called on rank 0."""
+    """Make the mesh of the model that ``draw(gmsh)`` builds; it is called on rank 0."""
     import gmsh
 
     gmsh.initialize()
@@ -24,43 +24,43 @@ def gmsh_mesh(comm, dim, draw):
 
 
 def facets_at(msh, axis, value):
-    """Boundary facets in a plane across an axis."""
+    """Return the boundary facets in a plane normal to an axis."""
     return mesh.locate_entities_boundary(
         msh, msh.topology.dim - 1, lambda x: np.isclose(x[axis], value)
     )
 
 
 def fix(V, axis, facets, value=0.0):
-    """Dirichlet condition along one axis; a fem.Constant as its value can be changed later."""
+    """Make a Dirichlet condition along one axis; the value of a fem.Constant can be changed."""
     component = V.sub(axis)
     dofs = fem.locate_dofs_topological(component, V.mesh.topology.dim - 1, facets)
     return fem.dirichletbc(value, dofs, component)
 
 
 def measure(msh, facets):
-    """Measure for integrals over some facets of the boundary."""
+    """Return the measure for integrals over some facets of the boundary."""
     facets = np.sort(facets)
     tags = mesh.meshtags(msh, msh.topology.dim - 1, facets, np.ones_like(facets))
     return ufl.Measure("ds", domain=msh, subdomain_data=tags)(1)
 
 
 def integral(msh, form):
-    """Value of a form on all ranks together, a number. Collective."""
+    """Integrate a scalar form over all ranks. Collective."""
     return msh.comm.allreduce(fem.assemble_scalar(fem.form(form)))
 
 
 def per_area(msh, force, ds):
-    """A force in total over the area of a measure."""
+    """Return the traction of a total force that is spread evenly over the area of a measure."""
     return fem.Constant(msh, force / integral(msh, fem.Constant(msh, 1.0) * ds))
 
 
 class Reaction:
-    """What holds a body on some facets: the sum of its residual over their nodes.
+    """Return the reaction force on some facets: the sum of the residual over their nodes.
 
     Args:
         F: Residual of the body without contact.
-        V: Space of its displacement.
-        facets: The facets.
+        V: Function space of its displacement.
+        facets: Facets of the boundary.
     """
 
     def __init__(self, F, V, facets):
@@ -69,7 +69,7 @@ class Reaction:
         self.nodes = nodes[nodes < V.dofmap.index_map.size_local]
 
     def __call__(self):
-        """The force, a vector. Collective."""
+        """The reaction force, a vector. Collective."""
         b = fem.assemble_vector(self.residual)
         b.scatter_reverse(la.InsertMode.add)
         at_nodes = b.array.reshape(-1, self.V.dofmap.bs)[self.nodes]

@@ -10,7 +10,7 @@ import typing
 from mpi4py import MPI
 
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
-#: Choices of the options that have these names and no choices of their own.
+#: Choices of the options with these names, unless an option has its own choices.
 CHOICES = {
     "formulation": FORMULATIONS,
     "quadrature": ("nodal", "overlay"),
@@ -22,23 +22,24 @@ CHOICES = {
 
 
 def option(default, help=None, **more):
-    """A field of a demo's parameters that is an option of its command line as well.
+    """Make a field of the parameters of a demo that is also an option of its command line.
 
     Args:
-        default: Value of the field.
-        help: What --help says of it.
-        more: What else argparse's ``add_argument`` takes; ``name``, if it is not that of the field.
+        default: Default value of the field.
+        help: Description for --help.
+        more: Further arguments of argparse's ``add_argument``; also ``name``, if it differs from
+            the name of the field.
     """
     return dataclasses.field(default=default, metadata={"help": help} | more)
 
 
 class Command:
-    """A demo's command line.
+    """Command line of a demo.
 
     Args:
-        doc: What --help says first.
-        parameters: Dataclass whose fields made by ``option`` are options.
-        plot: What --plot draws.
+        doc: First text that --help prints.
+        parameters: Dataclass; its fields made by ``option`` become options.
+        plot: Description of the picture that --plot draws.
     """
 
     def __init__(self, doc, parameters, plot):
@@ -61,28 +62,28 @@ class Command:
         if field.type is bool:
             settings["action"] = "store_true"
         else:
-            first, *_ = typing.get_args(field.type) or (field.type,)  # float of float | None
+            first, *_ = typing.get_args(field.type) or (field.type,)  # the float of float | None
             settings = {"type": first, "choices": CHOICES.get(field.name)} | settings
             settings.setdefault("metavar", METAVARS.get(settings["type"]))
         self.parser.add_argument(name, dest=field.name, **settings)
 
     def add_file(self, name, kind, help=None):
-        """An option that names a file to be written."""
+        """Add an option that names an output file."""
         self.parser.add_argument(name, type=kind, metavar="FILE", default=None, help=help)
 
     def add_switch(self, name, help):
-        """An option without a value that is no parameter."""
+        """Add an option without a value that is not a parameter."""
         self.parser.add_argument(name, action="store_true", default=False, help=help)
 
     def refuse(self, p, names, reason):
-        """End if any of these parameters is not its default."""
+        """Stop with an error if any of these parameters differs from its default."""
         default = self.parameters()
         given = [name for name in names if getattr(p, name) != getattr(default, name)]
         if given:
             self.error(", ".join("--" + n.replace("_", "-") for n in given) + f": {reason}")
 
     def parse(self):
-        """Parameters, and the options that are none; of the former ``given`` has those named."""
+        """Return the parameters and the other options; ``given`` has the parameters in use."""
         options = self.parser.parse_args()
         names = [f.name for f in dataclasses.fields(self.parameters) if hasattr(options, f.name)]
         options.given = {name: getattr(options, name) for name in names}
@@ -100,7 +101,7 @@ class Command:
 
 
 def output_file(text):
-    """A file that can be written: refused at the start, not at the end of a run."""
+    """Check at the start of a run, not at its end, that a file can be written."""
     path = pathlib.Path(text).absolute()
     if path.is_dir() or not path.parent.is_dir():
         raise argparse.ArgumentTypeError(f"there is no folder {path.parent}, or {path} is one")
@@ -110,7 +111,7 @@ def output_file(text):
 
 
 def picture_file(text, kinds=None):
-    """The file of --plot, if matplotlib is there and can write that kind of file."""
+    """Check the file of --plot: matplotlib must be installed and support its format."""
     try:
         from matplotlib.backend_bases import FigureCanvasBase
     except ImportError:
@@ -122,27 +123,27 @@ def picture_file(text, kinds=None):
 
 
 def film_file(text):
-    """The file of --animate: a GIF."""
+    """Check the file of --animate, which must be a GIF."""
     return picture_file(text, ["gif"])
 
 
 def count(text):
-    """A number of cells or of points."""
+    """Convert a number of cells or of points."""
     return _checked(int(text), lambda value: value >= 1, "must be at least 1")
 
 
 def seed(text):
-    """Of a random generator."""
+    """Convert the seed of a random generator."""
     return _checked(int(text), lambda value: value >= 0, "must not be negative")
 
 
 def shift(text):
-    """Of nodes, in units of the cells, such that the mesh remains valid."""
+    """Convert a shift of nodes, in units of the cells, for which the mesh remains valid."""
     return _checked(float(text), lambda value: 0 <= value < 0.5, "must be at least 0 and below 0.5")
 
 
 def stiffness(text):
-    """Penalty: "auto" or a positive number."""
+    """Convert a penalty: "auto" or a positive number."""
     message = 'must be "auto" or a positive number'
     return (
         text if text == "auto" else _checked(float(text), lambda v: 0 < v < float("inf"), message)
@@ -155,7 +156,7 @@ def _checked(value, holds, message):
     return value
 
 
-#: What --help calls values of these types.
+#: Names of the values of these types in --help.
 METAVARS = {count: "N", seed: "S", shift: "F", stiffness: "auto|FLOAT"}
 
 
@@ -163,19 +164,19 @@ METAVARS = {count: "N", seed: "S", shift: "F", stiffness: "auto|FLOAT"}
 
 
 def say(line=""):
-    """Print a line, on rank 0."""
+    """Print a line; on rank 0."""
     if MPI.COMM_WORLD.rank == 0:
         print(line, flush=True)
 
 
 def report(result, filename=None, style="", more=None):
-    """Print results and write them as JSON, on rank 0.
+    """Print results and write them as JSON; on rank 0.
 
     Args:
-        result: What the JSON object has.
-        filename: Its file, if any.
-        style: How values are formatted.
-        more: What is printed besides.
+        result: Contents of the JSON object.
+        filename: Name of the JSON file, if any.
+        style: Format of the values.
+        more: Further results that are only printed.
     """
     printed = result | (more or {})
     width = max(map(len, printed)) + 2
@@ -184,14 +185,14 @@ def report(result, filename=None, style="", more=None):
 
 
 def save(result, filename):
-    """Write a flat JSON object, on rank 0."""
+    """Write a flat JSON object; on rank 0."""
     if filename and MPI.COMM_WORLD.rank == 0:
         with open(filename, "w") as file:
-            json.dump(result, file, indent=2, default=lambda value: value.item())  # NumPy's
+            json.dump(result, file, indent=2, default=lambda value: value.item())  # NumPy types
 
 
 def print_rows(rows, **columns):
-    """Print a table, on rank 0; columns are keys of the rows, with their heads and formats."""
+    """Print a table, on rank 0; columns maps keys of the rows to their headings and formats."""
     lines = [[head for head, _ in columns.values()]]
     lines += [[f"{row[key]:{style}}" for key, (_, style) in columns.items()] for row in rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]

@@ -1,7 +1,7 @@
-"""What the demos' pictures share: matplotlib on request alone, one style, small files.
+"""Drawing functions for the pictures of the demos: optional matplotlib, one style, small files.
 
-Nodes, cells and values in them are gathered on rank 0, for the picture only: nothing that is
-computed needs them in one place.
+Nodes, cells and their values are gathered on rank 0 for the picture only. No computation needs them
+in one place.
 """
 
 import io
@@ -22,10 +22,10 @@ STYLE = {
     "lines.linewidth": 1.2,
     "lines.markersize": 4,
 }
-LARGE = 145e3  # bytes of a PNG
-#: Towards the light, of bodies in 3D.
+LARGE = 145e3  # size of a PNG file in bytes
+#: Direction towards the light, for bodies in 3D.
 LIGHT = np.array([0.3, 0.5, 0.81])
-STEEL = (0.95, 0.55, 0.35, 1.0)  # hot
+STEEL = (0.95, 0.55, 0.35, 1.0)  # hot end of the colour scale
 GREY = (0.78, 0.78, 0.8, 1.0)
 
 
@@ -33,7 +33,7 @@ GREY = (0.78, 0.78, 0.8, 1.0)
 
 
 def pyplot():
-    """matplotlib.pyplot without a screen, in the style of all pictures."""
+    """Return matplotlib.pyplot without a display, in the style of all pictures."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -44,7 +44,7 @@ def pyplot():
 
 
 def save(figure, filename):
-    """Write a figure; a large PNG in 256 colours, a third of its size."""
+    """Write a figure; a large PNG is reduced to 256 colours, a third of its size."""
     if str(filename).lower().endswith(".png"):
         from PIL import Image
 
@@ -59,11 +59,11 @@ def save(figure, filename):
     pyplot().close(figure)
 
 
-# --- What is drawn, gathered for the picture only
+# --- Data gathered for the picture only
 
 
 def gather(comm, *arrays):
-    """Arrays of all ranks one after the other, on rank 0; None elsewhere. Collective."""
+    """Concatenate the arrays of all ranks on rank 0; None elsewhere. Collective."""
     parts = comm.gather(arrays)
     if parts is None:
         return None
@@ -71,10 +71,10 @@ def gather(comm, *arrays):
 
 
 def node_values(u):
-    """Values of a vector field at the vertices, in the rows of its mesh's geometry."""
+    """Return a vector field at the vertices, in the order of the nodes of the mesh geometry."""
     V = u.function_space
     out = np.zeros((len(V.mesh.geometry.x), V.dofmap.bs))
-    # One node of the space and one of the geometry at each vertex; these come first in a cell.
+    # One node of the space and one node of the geometry at each vertex; these come first in a cell.
     number = len(basix.geometry(V.mesh.basix_cell()))
     at_vertices = V.dofmap.list[:, :number]
     out[cell_nodes(V.mesh)[:, :number]] = u.x.array.reshape(-1, V.dofmap.bs)[at_vertices]
@@ -82,7 +82,7 @@ def node_values(u):
 
 
 def cell_values(msh, value):
-    """A UFL expression in the cells."""
+    """Interpolate a UFL expression as one value per cell."""
     space = fem.functionspace(msh, ("DG", 0))
     function = fem.Function(space)
     function.interpolate(fem.Expression(value, interpolation_points(space)))
@@ -90,15 +90,15 @@ def cell_values(msh, value):
 
 
 def cells(msh, displacement=0.0, value=None):
-    """Corners of the cells of a mesh in 2D, on rank 0. Collective.
+    """Return the corners of the cells of a mesh in 2D, on rank 0. Collective.
 
     Args:
         msh: Mesh.
-        displacement: To be added at the nodes.
-        value: UFL expression.
+        displacement: Displacement added at the nodes.
+        value: UFL expression of the colour.
 
     Returns:
-        Corners and values of all cells; None on other ranks.
+        Corners and values of all cells on rank 0; None on other ranks.
     """
     own = msh.topology.index_map(2).size_local
     values = np.zeros(own) if value is None else cell_values(msh, value)[:own]
@@ -108,14 +108,14 @@ def cells(msh, displacement=0.0, value=None):
 
 
 def boundary(msh, x):
-    """Boundary triangles of a mesh of tetrahedra that this rank owns.
+    """Return the boundary triangles of a mesh of tetrahedra that this rank owns.
 
     Args:
         msh: Mesh.
-        x: Where its nodes are.
+        x: Positions of its nodes.
 
     Returns:
-        Rows of the geometry, so that normals point outwards, and the cells behind.
+        Nodes of each triangle, ordered so that normals point outwards, and the cell of each.
     """
     msh.topology.create_connectivity(2, 3)
     facets = mesh.exterior_facet_indices(msh.topology)
@@ -134,13 +134,13 @@ def boundary(msh, x):
 
 
 def normals(triangles):
-    """Unit normals."""
+    """Return unit normals."""
     n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return n / np.linalg.norm(n, axis=1)[:, None]
 
 
 def draw_cells(axis, corners, values=None, **options):
-    """Cells in 2D with their values; without values only their edges."""
+    """Draw cells in 2D with their values; without values, only their edges."""
     from matplotlib.collections import PolyCollection
 
     options = {"edgecolor": "0.3", "linewidth": 0.4} | options
@@ -152,7 +152,7 @@ def draw_cells(axis, corners, values=None, **options):
 
 
 def set_view(axis, elevation, azimuth, limits, zoom=1.1):
-    """Parallel projection without axes, in true proportions."""
+    """Set a parallel projection without axes, with equal scales."""
     axis.set_proj_type("ortho")
     axis.view_init(elev=elevation, azim=azimuth)
     axis.set(**dict(zip(("xlim", "ylim", "zlim"), limits, strict=True)))
@@ -161,7 +161,7 @@ def set_view(axis, elevation, azimuth, limits, zoom=1.1):
 
 
 def steps_of_colour(largest, name, number=12):
-    """Colours for 0 to a value in round steps, of which a GIF has enough colours."""
+    """Return colours for 0 to a value in round steps, few enough for the palette of a GIF."""
     from matplotlib import cm, colors, ticker
 
     bounds = ticker.MaxNLocator(number).tick_values(0, largest)
@@ -169,7 +169,7 @@ def steps_of_colour(largest, name, number=12):
 
 
 def draw_triangles(axis, triangles, colours, **options):
-    """Triangles that face the viewer of an axis in 3D, lit from above; RGBA of each."""
+    """Project the 3D triangles that face the viewer, with colours lit from above (RGBA)."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     up, around = np.radians(axis.elev), np.radians(axis.azim)

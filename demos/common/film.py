@@ -1,4 +1,4 @@
-"""Pictures of forging: bodies, pressure on the lower die and force, step by step."""
+"""Draw pictures of forging: bodies, pressure on the lower die and force, step by step."""
 
 import numpy as np
 
@@ -17,11 +17,11 @@ from common.drawing import (
 
 
 class Film:
-    """Keeps what is drawn of each step, gathered on rank 0 for the pictures alone.
+    """Keeps the state of each step for the pictures, gathered on rank 0.
 
     Args:
-        height: Of the workpiece at first.
-        speed: Of the upper die.
+        height: Initial height of the workpiece.
+        speed: Speed of the upper die.
     """
 
     def __init__(self, height, speed):
@@ -29,7 +29,7 @@ class Film:
         self.states = []
 
     def __call__(self, scene, strain):
-        """Take a picture; collective."""
+        """Keep the present state. Collective."""
         work, dies, contacts, _, stepper = scene
         comm = work.mesh.comm
         x = work.mesh.geometry.x
@@ -58,16 +58,16 @@ class Film:
             self.states.append(state)
 
     def scales(self):
-        """Colours of strain and pressure, the same in all pictures."""
+        """Return the colour scales of strain and pressure, the same in all pictures."""
         strain = max(state["work"][1].max() for state in self.states)
         pressure = max(state["lower"][1].max() for state in self.states)
         limits = (max(strain, 1e-9), "inferno"), (max(pressure, 1e-9), "viridis")
         return [steps_of_colour(*limit) for limit in limits]
 
     def draw(self, figure, i):
-        """Draw a state."""
+        """Draw one state."""
         state, (strain, pressure) = self.states[i], self.scales()
-        # Places are fixed: in a film nothing must jump.
+        # Positions of the axes are fixed, so that nothing jumps between the pictures of a film.
         axis = figure.add_axes((0.0, 0.0, 0.32, 0.95), projection="3d")
         reach = np.max(self.states[0]["lower"][0][:, :, 0])
         limits = (0, reach), (0, reach), (-9, self.height + 9)
@@ -87,7 +87,7 @@ class Film:
 
     @staticmethod
     def draw_pressure(figure, state, scale, reach):
-        """The face of the lower die from above."""
+        """Draw the face of the lower die, seen from above."""
         from matplotlib.collections import PolyCollection
 
         axis = figure.add_axes((0.455, 0.15, 0.19, 0.75))
@@ -103,7 +103,7 @@ class Film:
         figure.colorbar(scale, cax=bar, label="pressure (MPa)")
 
     def draw_force(self, axis, i):
-        """Force over reduction, up to this state as a full line."""
+        """Draw the force over the reduction, as a full line up to this state."""
         reduction, force = (
             np.array([state[name] for state in self.states]) for name in ("reduction", "force")
         )
@@ -116,7 +116,7 @@ class Film:
         axis.grid()
 
     def plot(self, filename):
-        """Picture of the last state; on rank 0."""
+        """Draw the picture of the last state; on rank 0."""
         if not self.states:
             return
         figure = self.figure()
@@ -124,7 +124,7 @@ class Film:
         save(figure, filename)
 
     def animate(self, filename, frames_per_second=4):
-        """All states as a GIF; on rank 0."""
+        """Write all states as a GIF; on rank 0."""
         if not self.states:
             return
         from matplotlib.animation import PillowWriter
@@ -135,27 +135,27 @@ class Film:
                 figure.clear()
                 self.draw(figure, i)
                 writer.grab_frame()
-            for _ in range(2 * frames_per_second):  # hold the last one
+            for _ in range(2 * frames_per_second):  # show the last picture longer
                 writer.grab_frame()
         pyplot().close(figure)
 
     @staticmethod
     def figure():
-        """Of the size of all pictures."""
+        """Make a figure of the size that all pictures have."""
         return pyplot().figure(figsize=(12.5, 4.0))
 
 
-# --- Kinds of contact side by side
+# --- Comparison of contact formulations
 
 
 def compare(filename, states, limit=300.0, lift=6.0):
-    """Lower dies with the pressure on their faces, and the workpieces lifted off them; on rank 0.
+    """Draw lower dies with the pressure on their faces, and the workpieces above them; on rank 0.
 
     Args:
-        filename: Of the picture.
-        states: The last state of a film by title.
-        limit: End of the scale, MPa.
-        lift: By how much a workpiece is drawn above the die, mm.
+        filename: Name of the picture file.
+        states: Last state of each film, by title.
+        limit: Upper end of the pressure scale, MPa.
+        lift: Distance by which a workpiece is drawn above the die, mm.
     """
     from matplotlib import cm, colors
 

@@ -1,7 +1,7 @@
-"""Friction between workpiece and dies in the forming demos.
+"""Set the friction laws between workpiece and dies in the forming demos.
 
-Shear yield stress and consistency are the workpiece's: Tresca's limit is m̄ σ₀/√3, Norton's law is
-α K |Δv|^(q−1) Δv with the q of the workpiece's rate sensitivity.
+The shear yield stress and the consistency are those of the workpiece: Tresca's limit is m̄ σ₀/√3,
+Norton's law is α K |Δv|^(q−1) Δv with q from the rate sensitivity of the workpiece.
 """
 
 import numpy as np
@@ -14,10 +14,11 @@ FRICTIONS = ("none", "norton", "coulomb", "tresca", "coulomb-tresca", "sticking"
 
 
 class Friction:
-    """A law for a Norton-Hoff workpiece, with limits that follow its flow stress.
+    """Friction law for a Norton-Hoff workpiece, with limits that depend on its flow stress.
 
     Args:
-        p: Parameters: ``friction`` names the law, ``mu``, ``m_bar`` and ``alpha`` are its numbers.
+        p: Parameters: ``friction`` names the law; ``mu``, ``m_bar`` and ``alpha`` are its
+            coefficients.
         msh: Mesh of the workpiece.
         K: Consistency of the workpiece.
         m: Rate sensitivity of the workpiece.
@@ -28,12 +29,12 @@ class Friction:
         self.flow_stress, self.limit = fem.Constant(msh, 0.0), fem.Constant(msh, 0.0)
 
     def set_rate(self, rate):
-        """Take over the flow stress σ₀ = K √3^{m+1} ε̇^m of a strain rate."""
+        """Update the limit to the flow stress σ₀ = K √3^{m+1} ε̇^m at a strain rate."""
         self.flow_stress.value = self.K * np.sqrt(3) ** (self.m + 1) * rate**self.m
         self.limit.value = self.p.m_bar * self.flow_stress.value / np.sqrt(3)
 
     def law(self):
-        """For one contact; None for no friction."""
+        """Return the friction law for one contact; None without friction."""
         return {
             "none": lambda: None,
             "norton": lambda: qs.Norton(self.p.alpha, self.K, self.m),

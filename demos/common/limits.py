@@ -1,17 +1,17 @@
-"""Errors beside what they may be."""
+"""Compare errors with their limits."""
 
 from common.command import print_rows
 
 
 def check(result, limits):
-    """Print errors and their limits, on rank 0.
+    """Print errors and their limits, on rank 0, and check them.
 
     Args:
         result: Results by name, the same on all ranks.
         limits: Largest absolute values, by name.
 
     Raises:
-        AssertionError: If one is exceeded.
+        AssertionError: If an error exceeds its limit.
     """
     rows = [{"name": name, "error": result[name], "limit": limit} for name, limit in limits.items()]
     print_rows(rows, name=("checked", ""), error=("error", ".2e"), limit=("limit", ".1e"))

@@ -1,6 +1,6 @@
-"""The pictures of an O-ring, a press fit, a ball in a socket and a pair of gears.
+"""Draw the pictures of an O-ring, a press fit, a ball in a socket and a pair of gears.
 
-All are collective: what is drawn is gathered on rank 0, which draws it.
+All functions are collective: the data are gathered on rank 0, which draws the picture.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ FOURFOLD = ([1, 1], [-1, 1], [1, -1], [-1, -1])
 
 
 def oring(filename, rings, forces, height, half_width):
-    """Pressure in squeezed rings, each in its groove.
+    """Draw the pressure in squeezed rings, each in its groove.
 
     Args:
-        filename: Of the picture.
-        rings: Quarters, by name.
-        forces: Over that of the formula, by name.
+        filename: Name of the picture file.
+        rings: Quarters of the rings, by name.
+        forces: Force over the force of the formula, by name.
         height: Half the height of the groove.
-        half_width: Of the groove.
+        half_width: Half the width of the groove.
     """
     parts = {
         name: cells(ring.mesh, node_values(ring.u), -ufl.tr(ring.stress) / 2)
@@ -46,14 +46,15 @@ def oring(filename, rings, forces, height, half_width):
 
 
 def press_fit(filename, bodies, rows, length, forces):
-    """The section of a shaft that is pulled out of its hub, and the force that it takes.
+    """Draw a section of a shaft that is pulled out of its hub, and the pull-out force.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         bodies: Hub and shaft, each with its radial stress (MPa).
-        rows: Ways (mm) of the shaft and pulls (N), an array.
-        length: Of the fit (mm).
-        forces: To begin with (N): closed form, and without its loss of pressure.
+        rows: Displacements (mm) of the shaft and pulls (N), an array.
+        length: Length of the fit (mm).
+        forces: Initial pull-out forces (N): closed form, and closed form without the loss of
+            pressure.
     """
     parts = [cells(b.mesh, node_values(b.u), b.stress[0, 0]) for b in bodies]
     if parts[0] is None:
@@ -88,14 +89,14 @@ def press_fit(filename, bodies, rows, length, forces):
 
 
 def ball_in_socket(filename, drawn, sizes, radius, p0):
-    """Ball and socket, and the pressure between them on fine and coarse facets.
+    """Draw ball and socket, and the pressure between them on fine and coarse facets.
 
     Args:
-        filename: Of the picture.
-        drawn: Bodies, and radii (mm) and pressures (MPa) of the ball's nodes, of each way; those
-            on coarse facets have names that begin with "coarse_".
-        sizes: Of the fine and the coarse facets (mm).
-        radius: Of the contact by Hertz' theory (mm).
+        filename: Name of the picture file.
+        drawn: For each way of solving: the bodies, and radii (mm) and pressures (MPa) of the nodes
+            of the ball; names on coarse facets begin with "coarse_".
+        sizes: Sizes of the fine and the coarse facets (mm).
+        radius: Contact radius of Hertz' theory (mm).
         p0: Largest pressure by Hertz' theory (MPa).
     """
     bodies, _ = drawn["curved_p2"]
@@ -127,13 +128,13 @@ def ball_in_socket(filename, drawn, sizes, radius, p0):
 
 
 def gear_pair(filename, positions, torques, gears):
-    """Equivalent stress in two gears and beside their contact, and torques over a pitch.
+    """Draw the equivalent stress in two gears and near their contact, and torques over a pitch.
 
     Args:
-        filename: Of the picture.
-        positions: In pitches from the pitch point.
-        torques: On pinion and wheel (N mm per mm), a row for each position.
-        gears: Pinion and wheel as they are to be drawn.
+        filename: Name of the picture file.
+        positions: Positions, in pitches from the pitch point.
+        torques: Torques on pinion and wheel (N mm per mm), a row for each position.
+        gears: Pinion and wheel in the position to be drawn.
     """
     parts = []
     for gear in gears:

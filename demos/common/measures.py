@@ -1,4 +1,4 @@
-"""What is measured on all ranks together: of a contact at its nodes, and the time a run takes."""
+"""Measure quantities over all ranks: contact results at nodes, and wall-clock time."""
 
 import time
 
@@ -8,24 +8,24 @@ import numpy as np
 
 
 class Clock:
-    """Seconds since it was made, of the slowest rank; both are collective."""
+    """Wall-clock time since the object was made, of the slowest rank; both calls are collective."""
 
     def __init__(self, comm):
         comm.barrier()
         self.comm, self.start = comm, time.perf_counter()
 
     def seconds(self):
-        """Until now."""
+        """Return the seconds up to now."""
         return self.comm.allreduce(time.perf_counter() - self.start, op=MPI.MAX)
 
 
 def columns(rows, *names):
-    """Attributes of many rows, an array each."""
+    """Return attributes of many rows, one array per attribute."""
     return [np.array([getattr(row, name) for row in rows]) for name in names]
 
 
 def mean_and_max(comm, values):
-    """Mean and largest value. Collective."""
+    """Return the mean and the largest value. Collective."""
     number, total = comm.allreduce(np.array([len(values), np.sum(values)]))
     return total / number, comm.allreduce(np.max(values, initial=0.0), op=MPI.MAX)
 
@@ -34,10 +34,10 @@ def relative_l2(surface, value, exact, where=slice(None)):
     """(Σ S_k (t_k − t(x_k))² / Σ S_k t(x_k)²)^½ over nodes of a surface. Collective.
 
     Args:
-        surface: The surface; S_k are the areas of its nodes.
-        value: t_k.
-        exact: t(x_k).
-        where: Which of the nodes.
+        surface: Surface; S_k are the areas of its nodes.
+        value: Values t_k.
+        exact: Exact values t(x_k).
+        where: Selection of nodes.
     """
     local = [(surface.node_area * f**2)[where].sum() for f in (value - exact, exact)]
     squares = surface.comm.allreduce(np.array(local))
@@ -45,12 +45,12 @@ def relative_l2(surface, value, exact, where=slice(None)):
 
 
 def stick_and_slip(contact):
-    """Shares of the closed area, and what friction took there in the last step. Collective.
+    """Return stick and slip fractions, and friction energies of the last step. Collective.
 
     Returns:
-        Under "stick" and "slip" parts of the closed area, under "stick_energy" the energy taken at
-        closed nodes nothing of which slips (others may slip and leave within the step), and under
-        "least" the least energy taken at any node.
+        "stick" and "slip" are fractions of the active contact area, "stick_energy" is the energy
+        dissipated at active nodes whose whole area sticks (others may slip and separate within the
+        step), and "least" is the smallest energy dissipated at any node.
     """
     areas, sticking, least = np.zeros(2), 0.0, 0.0
     for side in (
@@ -69,7 +69,7 @@ def stick_and_slip(contact):
 
 
 def stick_zone(contact):
-    """Half the length of what sticks of the slave, in 2D, and its centre. Collective."""
+    """Return half the length of the stick zone of the slave, in 2D, and its centre. Collective."""
     closed, slips = contact.shares()
     size, x = contact.slave.node_area * (closed - slips), contact.slave.node_x[:, 0]
     length, moment = contact.comm.allreduce(np.array([size.sum(), size @ x]))

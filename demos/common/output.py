@@ -1,4 +1,4 @@
-"""What a run writes into a folder: its history, and fields for ParaView."""
+"""Write the history of a run, and fields for ParaView, into a folder."""
 
 import pathlib
 
@@ -6,14 +6,15 @@ import qsdolfinx as qs
 
 
 class Output:
-    """History of a run, on the terminal as well, and fields in a folder.
+    """Writes the history of a run, optionally also to the terminal, and fields into a folder.
 
     Args:
         comm: Communicator.
-        folder: Where to write; None: nothing is written.
-        t_end: Time at which the run ends.
+        folder: Output folder; with None nothing is written.
+        t_end: End time of the run.
         verbose: Whether to print the history.
-        after: Steps made before this run, whose history goes on; its fields are files of its own.
+        after: Number of steps made before this run. Their history is continued; the fields go to
+            new files.
     """
 
     def __init__(self, comm, folder, t_end, verbose, after=0):
@@ -27,7 +28,7 @@ class Output:
         self.files, self.writers = [], []
 
     def add_fields(self, name, msh, fields, at_vertices):
-        """A file of fields in the cells, and of continuous ones at the vertices."""
+        """Open a file for cell fields and for continuous fields at the vertices."""
         if self.folder:
             path = self.folder / f"{name}{self.part}.xdmf"
             self.files.append((path, msh, fields, at_vertices))
@@ -41,7 +42,7 @@ class Output:
             writer.write(t)
 
     def close(self):
-        """End the history and the files."""
+        """Close the history and the files."""
         self.history.close()
         for writer in self.writers:
             writer.close()

@@ -1,4 +1,4 @@
-"""The table of the patch test beside that of the paper, with checks."""
+"""Print the table of the patch test next to the table of the paper, with checks."""
 
 from mpi4py import MPI
 
@@ -26,10 +26,10 @@ KINDS = {
     "master-slave": {"formulation": "master-slave"},
     "overlay": {"formulation": "quasi-symmetric", "quadrature": "overlay"},
 }
-SUMMARY = ("tetrahedron", 8, 3)  # on the master's side
-MEAN_RATIO = 0.55  # allowed on the master's side, where errors are larger
+SUMMARY = ("tetrahedron", 8, 3)  # on the master side
+MEAN_RATIO = 0.55  # limit on the master side, where errors are larger
 EXACT = 1e-7  # in %
-STRESS = -65.0  # exact
+STRESS = -65.0  # exact result
 CONCLUSION = f"""\
 The percentages need not be the paper's: its meshes are shown in a figure but not published, and
 the error depends on where the nodes of one side lie on the facets of the other. What can be
@@ -39,22 +39,22 @@ most {MEAN_RATIO} times as large; with overlay quadrature, errors are those of t
 
 
 class CheckError(Exception):
-    """A result is not what the table claims."""
+    """A result that contradicts the table."""
 
 
 def check(condition, message):
-    """Also under python -O."""
+    """Raise the error also under python -O."""
     if not condition:
         raise CheckError(message)
 
 
 def table(parameters, run, reference):
-    """Print all cases of the paper's Table 1 beside it, and check what CONCLUSION says.
+    """Print all cases of Table 1 of the paper next to ours, and check CONCLUSION.
 
     Args:
-        parameters: Class of the patch test's parameters.
-        run: Called with parameters, returns first what --json writes.
-        reference: Called with communicator and parameters, returns the stress in one body.
+        parameters: Class of the parameters of the patch test.
+        run: Called with parameters; its first result is the object for --json.
+        reference: Called with communicator and parameters; returns the stress in one body.
 
     Raises:
         CheckError: If a check fails.
@@ -94,7 +94,7 @@ def table(parameters, run, reference):
 
 
 def errors(result, side):
-    """Mean and maximum, in %."""
+    """Return mean and maximum, in %."""
     return 100 * result[f"{side}_mean_error"], 100 * result[f"{side}_max_error"]
 
 
@@ -114,7 +114,7 @@ def say_references(references):
 
 
 def say_summary(summary):
-    """Print Table 1 in the paper's layout: columns are cases."""
+    """Print Table 1 in the layout of the paper: columns are cases."""
     cell, n_master, n_slave = SUMMARY
     say("Table 1, mean / maximum in %; here: master's side,")
     heads = (f"{material}, {load}" for material, load in PAPER)

@@ -1,6 +1,6 @@
-"""The pictures of the demos, one for each; those of forging are in film.py.
+"""Draw the pictures of the demos, one for each; those of forging are in film.py.
 
-All are collective: what is drawn is gathered on rank 0, which draws it.
+All functions are collective: the data are gathered on rank 0, which draws the picture.
 """
 
 import dataclasses
@@ -25,22 +25,22 @@ from common.drawing import (
     set_view,
 )
 
-#: What both sides of a contact are drawn with.
+#: Line styles of the two sides of a contact.
 SIDES = {"slave": "o-", "master": "s-"}
 
 # --- Patch test
 
 
 def patch_test(filename, parameters, run, stress, n_master=8, n_slave=3):
-    """Contact traction that both sides receive, of three kinds of contact.
+    """Draw the contact traction on both sides, for three contact formulations.
 
     Args:
-        filename: Of the picture.
-        parameters: Class of the patch test's parameters.
-        run: Called with parameters, returns the contact as second.
-        stress: The exact one.
-        n_master: Cells along an edge of the master.
-        n_slave: The same of the slave.
+        filename: Name of the picture file.
+        parameters: Class of the parameters of the patch test.
+        run: Called with parameters; its second result is the contact.
+        stress: Exact stress.
+        n_master: Number of cells along an edge of the master.
+        n_slave: Number of cells along an edge of the slave.
     """
     kinds = {"master-slave": {"formulation": "master-slave"}, "quasi-symmetric": {}}
     kinds["overlay"] = {"quadrature": "overlay"}
@@ -79,18 +79,18 @@ def patch_test(filename, parameters, run, stress, n_master=8, n_slave=3):
 
 
 def sorted_nodes(surface, x, *values):
-    """Values at all nodes of a surface along x, on rank 0; None elsewhere."""
+    """Return the values at all nodes of a surface along x, on rank 0; None elsewhere."""
     lines = gather(surface.comm, x, *values)
     return lines and [line[np.argsort(lines[0])] for line in lines]
 
 
 def hertz(filename, p, solve):
-    """Traction on both sides over Hertz's pressure, for three kinds of contact.
+    """Draw the traction on both sides over Hertz's pressure, for three contact formulations.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         p: Parameters.
-        solve: Called with parameters, returns closed form, slave, master, contact and problem.
+        solve: Called with parameters; returns closed form, slave, master, contact and problem.
     """
     panels = []
     for formulation, quadrature in (
@@ -115,7 +115,7 @@ def hertz(filename, p, solve):
     s = np.linspace(0, 1.6, 400)
     for axis, (title, lines) in zip(axes, panels, strict=True):
         for (side, style), (r, t) in zip(SIDES.items(), lines, strict=True):
-            # In 3D nodes at the same distance have values of their own: no lines.
+            # In 3D, nodes at the same distance have different values: no lines.
             style = style if p.dim == 2 else style.rstrip("-")
             near = r <= 1.6 * exact.a
             axis.plot(r[near] / exact.a, t[near] / exact.p0, style, ms=3, lw=0.8, label=side)
@@ -128,13 +128,13 @@ def hertz(filename, p, solve):
 
 
 def cattaneo_mindlin(filename, p, solve, tractions):
-    """Normal traction above, tangential traction below, nodal and overlay.
+    """Draw the normal traction above, the tangential traction below, nodal and overlay.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         p: Parameters.
-        solve: Called with parameters, returns the scene.
-        tractions: Called with scene and side, returns both tractions at its nodes.
+        solve: Called with parameters; returns the scene.
+        tractions: Called with scene and side; returns normal and tangential traction at its nodes.
     """
     columns = []
     for quadrature in ("nodal", "overlay"):
@@ -176,7 +176,7 @@ def cattaneo_mindlin(filename, p, solve, tractions):
 
 
 class Friction:
-    """Friction on a dragged block, and what its nodes do, in three states.
+    """Friction on a dragged block, and the state of its nodes, in three states.
 
     Args:
         limit: Total friction μN at full slip; the area of contact is 1.
@@ -189,7 +189,7 @@ class Friction:
         self.states = []
 
     def __call__(self, contact, row):
-        """Keep a state. Collective."""
+        """Keep the present state. Collective."""
         surface = contact.slave
         t = surface.node_values(contact.traction("slave", part="tangential"))
         status = contact.active().astype(int) + contact.slipping()
@@ -197,7 +197,7 @@ class Friction:
         self.states.append((row, nodes))
 
     def draw(self, filename):
-        """The first drag, half of the area slipping, and the end; on rank 0."""
+        """Draw the first drag, the state with half of the area slipping, and the end; on rank 0."""
         if self.states[0][1] is None:
             return
         middle = min(self.states[1:], key=lambda state: abs(state[0]["slip"] - 0.5))
@@ -216,7 +216,7 @@ class Friction:
         save(figure, filename)
 
     def draw_state(self, axis, row, nodes):
-        """Size and direction of the friction, and what the nodes do."""
+        """Draw size and direction of the friction, and whether nodes stick or slip."""
         x, t, status = nodes
         size = np.linalg.norm(t, axis=1)
         colours = axis.tricontourf(*x.T, size, levels=np.linspace(0, 2, 21), extend="max")
@@ -233,18 +233,18 @@ class Friction:
 
 
 def sliding_wedge(filename, bodies, rows, exact):
-    """Stress in the deformed bodies, and F / G.
+    """Draw the stress in the deformed bodies, and F / G.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         bodies: The bodies at the end.
-        rows: States after all steps.
-        exact: F / G of the closed form.
+        rows: Table rows of all steps.
+        exact: F / G from the closed form.
     """
     moves = [node_values(body.u) for body in bodies]
     comm = bodies[0].mesh.comm
     largest = comm.allreduce(max(np.abs(u).max(initial=0.0) for u in moves), op=MPI.MAX)
-    # Displacements are drawn so many times as large: 1, 2 or 5 times a power of ten.
+    # The displacements are magnified by a factor of 1, 2 or 5 times a power of ten.
     factors = [digit * 10**power for power in range(6) for digit in (1, 2, 5)]
     factor = max(f for f in factors if f == 1 or f * largest <= 0.4)
     drawn = [
@@ -279,13 +279,13 @@ def sliding_wedge(filename, bodies, rows, exact):
 
 
 def ironing(filename, p, iron, plateau):
-    """Deformed meshes in the middle of the slide, and forces over the slide.
+    """Draw deformed meshes in the middle of the slide, and forces over the slide.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         p: Parameters.
-        iron: Called with parameters and ``on_step(row, scene)``; returns rows as second.
-        plateau: Called with parameters and rows; returns columns of the plateau, and the row
+        iron: Called with parameters and ``on_step(row, scene)``; its second result is the rows.
+        plateau: Called with parameters and rows; returns the columns of the plateau, and the row
             before it.
     """
     kinds = (
@@ -332,14 +332,14 @@ def ironing(filename, p, iron, plateau):
 
 
 def deformed(body):
-    """Deformed cells and the Cauchy shear stress in them, on rank 0."""
+    """Return the deformed cells and the Cauchy shear stress in them, on rank 0."""
     F = ufl.Identity(2) + ufl.grad(body.u)
     shear = (body.stress * F.T / ufl.det(F))[0, 1]
     return cells(body.mesh, node_values(body.u), shear)
 
 
 def draw_meshes(axis, bodies):
-    """Both bodies around the contact, in true proportions."""
+    """Draw both bodies around the contact, with equal scales."""
     limit = max(np.abs(shear).max() for _, shear in bodies[1:])
     for corners, shear in bodies:
         drawn = draw_cells(axis, corners, shear, cmap="RdBu_r", clim=(-limit, limit))
@@ -356,12 +356,12 @@ def draw_meshes(axis, bodies):
 
 
 def shaft(filename, p, turn):
-    """Deformed meshes and traction before and after the turn, and torque over angle.
+    """Draw deformed meshes and traction before and after the turn, and torque over angle.
 
     Args:
-        filename: Of the picture.
+        filename: Name of the picture file.
         p: Parameters; without friction the shaft is also turned with a coefficient of 0.2.
-        turn: Called with parameters and ``on_step(row, scene)``; returns rows as second.
+        turn: Called with parameters and ``on_step(row, scene)``; its second result is the rows.
     """
     with_friction = p if p.mu else dataclasses.replace(p, mu=0.2)
     states, lines = [], []
@@ -393,7 +393,7 @@ def shaft(filename, p, turn):
 
 
 def pressed(inner, outer, contact):
-    """Cells with their radial stress and a spoke of each body, and traction, on rank 0."""
+    """Return the cells with radial stress, a spoke of each body, and the traction, on rank 0."""
     bodies = []
     for body in (inner, outer):
         F = ufl.Identity(2) + ufl.grad(body.u)
@@ -416,7 +416,7 @@ def pressed(inner, outer, contact):
 
 
 def draw_pressed(axis, largest, drawn, spokes, arrows):
-    """Both bodies, the traction on the shaft, and where a spoke of each has come to."""
+    """Draw both bodies, the traction on the shaft, and the displaced spoke of each body."""
     colours = draw_cells(axis, *drawn, cmap="Oranges", clim=(0, 1.25 * largest), linewidth=0.25)
     for spoke, colour in zip(spokes, ("tab:blue", "black"), strict=True):
         axis.plot(*spoke.T, color=colour, lw=3, solid_capstyle="butt")
@@ -430,7 +430,7 @@ def draw_pressed(axis, largest, drawn, spokes, arrows):
 
 
 def draw_torque(axis, lines):
-    """Torque over angle, and the closed form."""
+    """Draw the torque over the angle, and the closed form."""
     few = min(steps for _, steps, _ in lines)
     for mu, steps, rows in lines:
         angle, torque = ([getattr(row, name) for row in rows] for name in ("angle", "torque"))
@@ -450,12 +450,12 @@ def draw_torque(axis, lines):
 
 
 def ring_compression(filename, results, shown=(0.0, 0.15, 0.7)):
-    """Deformed sections, and calibration curves.
+    """Draw deformed sections, and calibration curves.
 
     Args:
-        filename: Of the picture.
-        results: Result, history and ring of each friction factor.
-        shown: Factors whose sections are drawn.
+        filename: Name of the picture file.
+        results: Result, history and ring for each friction factor.
+        shown: Friction factors whose sections are drawn.
     """
     sections = {factor: cells(results[factor][2].mesh) for factor in shown}
     if sections[shown[0]] is None:
@@ -481,7 +481,7 @@ def ring_compression(filename, results, shown=(0.0, 0.15, 0.7)):
 
 
 def draw_calibration(axis, results):
-    """Inner diameter over reduction."""
+    """Draw the inner diameter over the reduction."""
     colours = pyplot().get_cmap("viridis")(np.linspace(0, 0.9, len(results)))
     for colour, (factor, (_, rows, _)) in zip(colours, results.items(), strict=True):
         reduction = np.array([0.0] + [row["reduction"] for row in rows])
@@ -501,7 +501,7 @@ def draw_calibration(axis, results):
 
 
 class Upsetting:
-    """Forces, and the billet at first and at the end."""
+    """Forces, and the billet at the start and at the end."""
 
     def __init__(self):
         self.forces, self.first, self.last = [], None, None
@@ -520,7 +520,7 @@ class Upsetting:
             self.first = self.last
 
     def draw(self, filename):
-        """Billet, force and its error; on rank 0."""
+        """Draw the billet, the force and its error; on rank 0."""
         if self.first is None:
             return
         figure = pyplot().figure(figsize=(12, 4.2), layout="constrained")
@@ -542,7 +542,7 @@ class Upsetting:
         save(figure, filename)
 
     def draw_forces(self, above, below):
-        """Force beside the closed form, and the deviation."""
+        """Draw the force and the closed form, and the deviation."""
         reduction, force, exact = np.array(self.forces).T
         above.plot(100 * reduction, exact / exact[0], color="black", label="closed form")
         above.plot(100 * reduction, force / exact[0], "o", color="tab:orange", label="upper die")
@@ -563,7 +563,7 @@ class Upsetting:
 
 
 def upsetting_convergence(filename, result, ratios, norms):
-    """All errors over h, of what --json writes for these ratios and norms; on rank 0."""
+    """Draw all errors over h, from the --json object for these ratios and norms; on rank 0."""
     if MPI.COMM_WORLD.rank > 0:
         return
     figure, axes = pyplot().subplots(
@@ -588,13 +588,13 @@ def upsetting_convergence(filename, result, ratios, norms):
 
 
 def draw_errors(axis, result, ratios, key, style):
-    """One norm of one formulation, for all ratios of the meshes."""
+    """Draw one norm of one formulation, for all mesh ratios."""
     levels = range(result["levels"])
     colours = ("black", "tab:blue", "tab:cyan", "tab:green", "tab:red")
     for ratio, colour in zip(ratios, colours, strict=True):
         h = [result[f"h_{ratio}_{i}"] for i in levels]
         error = [result[f"error_{key}_{ratio}_{i}"] for i in levels]
-        rate = round(result[f"rate_{key}_{ratio}"], 2) + 0.0  # no minus before 0
+        rate = round(result[f"rate_{key}_{ratio}"], 2) + 0.0  # no minus sign before 0
         axis.loglog(h, error, style, color=colour, label=f"{ratio}, rate {rate:.2f}")
     axis.legend(fontsize=7, loc="lower right", title="master:slave", title_fontsize=7)
     axis.grid(which="both")
@@ -604,11 +604,11 @@ def draw_errors(axis, result, ratios, key, style):
 
 
 class Fold:
-    """The spring of the first mesh at some strokes and where it first touches itself, and forces.
+    """Collects the spring of the first mesh at some strokes and at first self-contact, and forces.
 
     Args:
-        strokes: At which to keep it.
-        half_distance: Of the planes, at first.
+        strokes: Strokes at which the spring is kept.
+        half_distance: Half the initial distance of the planes.
     """
 
     def __init__(self, strokes, half_distance):
@@ -631,8 +631,8 @@ class Fold:
         """Draw the spring between the planes, and forces over strokes; on rank 0.
 
         Args:
-            filename: Of the picture.
-            lines: Rows of each mesh, by what it is called.
+            filename: Name of the picture file.
+            lines: Table rows of each mesh, by the name of the mesh.
         """
         if self.states[0][1] is None:
             return
@@ -654,7 +654,7 @@ class Fold:
         save(figure, filename)
 
     def draw_planes(self, axis, row):
-        """Both planes, and what the state is."""
+        """Draw both planes, and a description of the state."""
         reach = self.half_distance + 0.7
         for side in (1, -1):
             y = side * (self.half_distance - row.stroke)
@@ -665,7 +665,7 @@ class Fold:
         axis.set_title(f"stroke {row.stroke:.2f}, force {row.force:.2g}{touching}")
 
     def draw_forces(self, axis, lines):
-        """Force over stroke of each mesh, and the states that are drawn."""
+        """Draw the force over the stroke for each mesh, and mark the states that are drawn."""
         for (name, rows), style in zip(lines.items(), ("o-", "-"), strict=True):
             stroke, force = ([getattr(row, key) for row in rows[1:]] for key in ("stroke", "force"))
             axis.semilogy(stroke, force, style, ms=2.5, label=name)

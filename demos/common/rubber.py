@@ -1,4 +1,4 @@
-"""The picture of the rubber demo. Collective: what is drawn is gathered on rank 0, which draws."""
+"""Draw the picture of the rubber demo. Collective: data are gathered on rank 0, which draws."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from common.drawing import cells, draw_cells, node_values, pyplot, save
 
 
 class Rubber:
-    """The rubber as it is made, pressed and rolled, and how far it has come."""
+    """The rubber undeformed, pressed and rolled, and the distance of the roller."""
 
     def __init__(self):
         self.states = {}
 
     def __call__(self, row, scene):
-        """Keep the newest state of pressing and of rolling. Collective."""
+        """Keep the latest state of pressing and of rolling. Collective."""
         body = scene.body
         stress = ufl.dev(body.stress)
         shear = ufl.sqrt(0.5 * ufl.inner(stress, stress))
@@ -29,11 +29,11 @@ class Rubber:
         )
 
     def draw(self, filename, rows):
-        """Draw both states, force and distance over time; on rank 0.
+        """Draw both states, and force and distance over time; on rank 0.
 
         Args:
-            filename: Of the picture.
-            rows: Of all steps.
+            filename: Name of the picture file.
+            rows: Table rows of all steps.
         """
         if next(iter(self.states.values()))[1] is None:
             return
@@ -54,7 +54,7 @@ class Rubber:
             width, height = high - low
             axis.set(xlim=(low[0] - 0.05 * width, high[0] + 0.05 * width))
             axis.set(ylim=(low[1] - 0.1 * height, high[1] + 0.1 * height))
-            moved = round(row.moved, 3) + 0.0  # and no -0
+            moved = round(row.moved, 3) + 0.0  # and without -0
             axis.set(title=f"{name}: force {row.force:.3g}, moved by {moved:g}", aspect="equal")
             axis.set(xlabel="x", ylabel="y")
             axis.label_outer()

@@ -1,4 +1,4 @@
-"""One row of parts of other pictures, for the README: strip.png in the folder that is named."""
+"""Join parts of other pictures in one row for the README: strip.png in the given folder."""
 
 import pathlib
 import sys
@@ -8,7 +8,7 @@ from PIL import Image
 HEIGHT = 240
 #: Pixels between two parts.
 BETWEEN = 14
-#: Picture, and the part of it: left, top, right, bottom.
+#: Picture, and the part that is used: left, top, right, bottom.
 PARTS = (
     ("closed_die", (0.699, 0.19, 0.93, 0.425)),
     ("closed_die", (0.355, 0.60, 0.642, 0.905)),

@@ -1,4 +1,4 @@
-"""Tables that the demos print; that of the patch test is in patch_table.py."""
+"""Print the tables of the demos; the table of the patch test is in patch_table.py."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from common.command import FORMULATIONS, print_rows, say
 
 
 def block_on_block(rows):
-    """States of the dragged block."""
+    """Print the states of the dragged block."""
     print_rows(
         rows,
         shift=("shift", ".4f"),
@@ -19,7 +19,7 @@ def block_on_block(rows):
 
 
 def sliding_wedge(rows, exact, ratio_error):
-    """States of the pushed wedge, and what F / G should be."""
+    """Print the states of the pushed wedge, and the expected F / G."""
     print_rows(
         rows,
         shift=("shift", ".4f"),
@@ -33,10 +33,10 @@ def sliding_wedge(rows, exact, ratio_error):
 
 
 def ring_compression(results):
-    """Change of the inner diameter (%) over the reduction, as in Male & Cockcroft's figure.
+    """Print the change of the inner diameter (%) over reduction, as in Male & Cockcroft's figure.
 
     Args:
-        results: Result and history of each friction factor.
+        results: Result and history for each friction factor.
     """
     highest = max(history[-1]["reduction"] for _, history, *_ in results.values())
     reductions = np.arange(0.1, highest + 1e-9, 0.1)
@@ -60,15 +60,15 @@ def ring_compression(results):
 
 
 def cattaneo_mindlin(scene, P, Q, R, stick_radius, centre):
-    """Numbers of partial slip beside its errors. Collective.
+    """Return the results of partial slip and their errors. Collective.
 
     Args:
         scene: Bodies, contact and closed form.
         P: Normal load.
         Q: Tangential load.
-        R: Height above the contact at which they act.
-        stick_radius: Half the width of the zone that sticks.
-        centre: Its centre.
+        R: Height above the contact at which P and Q act.
+        stick_radius: Half the width of the stick zone.
+        centre: Centre of the stick zone.
     """
     contact, exact, out = scene.contact, scene.exact, {}
     for side in scene.bodies:
@@ -91,7 +91,7 @@ def cattaneo_mindlin(scene, P, Q, R, stick_radius, centre):
 
 
 def upsetting_convergence(result, ratios, norms):
-    """Errors on the last level, and rates, of what --json writes for these ratios and norms."""
+    """Print errors on the last level, and rates, for these ratios and norms."""
     last = result["levels"] - 1
     levels = f"level {last} and rates fitted over {result['levels']} levels"
     say(f"Relative errors on {levels}, as error / rate\n")
@@ -112,12 +112,12 @@ def upsetting_convergence(result, ratios, norms):
 
 
 def check_upsetting(result, ratios):
-    """Compare convergence with what is known, and say so.
+    """Check that convergence is as expected, and print the conclusions.
 
     Raises:
-        AssertionError: If a formulation matters on matching meshes or those give another error
-            than the single body, or quasi-symmetric contact does not have the smaller error in
-            the energy norm on non-matching ones. At 1:4 tying every slave node makes the
+        AssertionError: If formulations differ on matching meshes, if the error there is not the
+            error of the single body, or if quasi-symmetric contact does not have the smaller error
+            in the energy norm on non-matching meshes. At 1:4 tying every slave node makes the
             displacement continuous.
     """
     for level in range(result["levels"]):

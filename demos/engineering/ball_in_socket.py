@@ -1,25 +1,27 @@
-"""A steel ball in a socket that is 1 % wider: what coarse facets do to a small clearance.
+"""A steel ball in a socket that is 1 % wider: how coarse facets affect a small clearance.
 
 Axisymmetric, linear elastic (E = 210 GPa, ν = 0.3). A half ball of radius 10 mm, pressed on its
-flat side, in the socket of a block, radius 10.1 mm. The load, 1219 N, is that of a contact radius
-of 2 mm by Hertz' theory; R* = 1010 mm, p₀ = 145 MPa. Facets are chords, h²/8R off their circle: of
-1.6 mm by a third of the clearance. Both sizes are solved in four ways:
+flat side, lies in the socket of a block, radius 10.1 mm. The load, 1219 N, gives a contact radius
+of 2 mm by Hertz' theory; R* = 1010 mm, p₀ = 145 MPa. Facets are chords; their distance from the
+circle is h²/8R, for facets of 1.6 mm a third of the clearance. Both mesh sizes are solved in four
+ways:
 
-- facets: chords, as they are;
+- facets: chords, without smoothing;
 - curvature: smoothing="shared-curvature";
 - curved: meshes of degree 2, displacements of degree 1;
-- curved_p2: both of degree 2.
+- curved_p2: meshes and displacements of degree 2.
 
     python3 demos/engineering/ball_in_socket.py --plot ball_in_socket.png
     mpirun -n 2 python3 demos/engineering/ball_in_socket.py --h 0.4 --json ball.json
 
-Keys of the JSON object, for each way and, with "coarse_" before, for facets of --coarse:
+Keys of the JSON object, for each way of solving and, with the prefix "coarse_", for facets of size
+--coarse:
 
-- peak_error_facets, ...: largest pressure of the ball over Hertz' p₀, − 1; his half-spaces are a
-  little softer than these bodies (+ 3 % on fine meshes);
-- radius_error_facets, ...: of the radius of the ball's nodes in contact.
+- peak_error_facets, ...: largest pressure of the ball over Hertz' p₀, − 1; the half-spaces of
+  Hertz' theory are a little softer than these bodies (+ 3 % on fine meshes);
+- radius_error_facets, ...: relative error of the largest radius of ball nodes in contact.
 
-Besides, force_error is that of the contact force against the load, the largest of all.
+Further, force_error is the largest relative difference of contact force and load of all cases.
 """
 
 import dataclasses
@@ -40,7 +42,7 @@ from common import machine_parts
 from common.command import Command, option, report
 from common.limits import check
 
-#: Degrees of the mesh and of displacements, smoothing.
+#: Degree of the mesh, degree of the displacements, smoothing.
 WAYS = {
     "facets": (1, 1, "none"),
     "curvature": (1, 1, "shared-curvature"),
@@ -52,14 +54,14 @@ LIMITS = {"peak_error_curved_p2": 0.05, "coarse_peak_error_curved_p2": 0.15, "fo
 
 @dataclasses.dataclass
 class Parameters:
-    """Sizes of the facets of the ball; those of the socket are 0.7 times as large."""
+    """Mesh sizes on the ball; facets of the socket are 0.7 times as large."""
 
-    h: float = option(0.2, "mm, fine")
-    coarse: float = option(1.6, "mm, coarse")
+    h: float = option(0.2, "fine mesh size, mm")
+    coarse: float = option(1.6, "coarse mesh size, mm")
 
 
 def press(comm, h, way):
-    """Ball and socket; radii and pressures of the ball's nodes, radius in contact, force."""
+    """Solve one case; return the bodies, radii and pressures of nodes, contact radius, force."""
     *degrees, smoothing = WAYS[way]
     bodies = ball, socket = Body(comm, BALL, h, degrees), Body(comm, SOCKET, 0.7 * h, degrees)
     contact = qs.Contact(ball.surface, socket.surface, smoothing=smoothing)
@@ -76,7 +78,7 @@ def press(comm, h, way):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """All ways on both meshes; returns what --json writes, and pressures, with the bodies."""
+    """Solve in all ways on both meshes; return the --json object, and pressures with the bodies."""
     result, forces, drawn = {}, [], {}
     for prefix, h in (("", p.h), ("coarse_", p.coarse)):
         for way in WAYS:

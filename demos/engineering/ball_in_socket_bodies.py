@@ -1,4 +1,4 @@
-"""Ball and socket: axisymmetric elastic bodies that nearly conform."""
+"""Make ball and socket: axisymmetric elastic bodies with nearly conforming surfaces."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ import qsdolfinx as qs
 from common.bodies import facets_at, fix, gmsh_mesh, measure
 
 E, NU, BALL, SOCKET = 210e3, 0.3, 10.0, 10.1  # MPa, -, mm, mm
-RADIUS = 2.0  # mm, of the contact by Hertz' theory
+RADIUS = 2.0  # mm, contact radius of Hertz' theory
 CONFORMING = BALL * SOCKET / (SOCKET - BALL)
 LOAD = 4 / 3 * E / (2 * (1 - NU**2)) * RADIUS**3 / CONFORMING
 P0 = 3 * LOAD / (2 * np.pi * RADIUS**2)
 
 
 def create_mesh(comm, of_ball, h, degree):
-    """Triangles, of size h where the bodies touch, 1.6 mm (or h) away from there."""
+    """Make triangles, of size h where the bodies touch, 1.6 mm (or h) away from there."""
 
     def draw(gmsh):
         occ, field = gmsh.model.occ, gmsh.model.mesh.field
@@ -42,7 +42,7 @@ def create_mesh(comm, of_ball, h, degree):
 
 
 class Body:
-    """The ball or the block with the socket."""
+    """The ball, or the block with the socket."""
 
     def __init__(self, comm, radius, h, degrees):
         of_ball = radius == BALL

@@ -1,22 +1,23 @@
-"""Stress in the fillet of a bracket: a fine corner, tied to a coarse rest that need not match.
+"""Stress in the fillet of a bracket: a fine corner, tied to coarse parts that do not match.
 
-A steel bracket of two legs, 40 mm long, 8 mm thick and 16 mm wide, hangs on a bolt and carries
-1 kN at the end of its shelf. The corner with the fillet, of radius 4 mm, has cells of size --fine,
-what is beyond it cells of --coarse; `qs.Tied` joins the three parts. The same bracket in one mesh
-of size --fine, solved by DOLFINx alone, tells what the ties cost in accuracy, and what they save.
-Displacements are of degree 2; one half of the width is solved for, with MUMPS.
+A steel bracket of two legs, 40 mm long, 8 mm thick and 16 mm wide, hangs on a bolt and carries 1 kN
+at the end of its shelf. The corner with the fillet, of radius 4 mm, has cells of size --fine, the
+parts beyond it have cells of size --coarse; `qs.Tied` joins the three parts. The same bracket in
+one mesh of size --fine, solved by DOLFINx alone, shows the loss of accuracy and the savings of the
+ties. Displacements are of degree 2; half of the width is modelled, and solved with MUMPS.
 
     python3 demos/engineering/bracket.py --plot bracket.png
     mpirun -n 2 python3 demos/engineering/bracket.py --fine 2
 
-Keys of the JSON object, each once more with _matching for the bracket in one mesh:
+Keys of the JSON object, each also with _matching for the bracket in one mesh:
 
 - peak (MPa): largest von Mises stress in the fillet, in the middle of the width;
-- deflection (mm): mean of the loaded end;
-- dofs, seconds: to assemble and solve;
+- deflection (mm): mean deflection of the loaded end;
+- dofs, seconds: number of dofs, and time to assemble and solve;
 
 and concentration, peak over the stress of a beam; peak_error and deflection_error, relative to the
-matching mesh; force_error: of the force through the tie to the shelf, relative to the load.
+matching mesh; force_error, the error of the force through the tie to the shelf, relative to the
+load.
 """
 
 import dataclasses
@@ -47,14 +48,14 @@ LU = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mump
 
 @dataclasses.dataclass
 class Parameters:
-    """One bracket; sizes of cells in mm."""
+    """Mesh sizes of a bracket in mm."""
 
-    fine: float = option(1.0, "of the corner, and of the matching mesh")
-    coarse: float = option(5.0, "of the rest")
+    fine: float = option(1.0, "cell size of the corner, and of the matching mesh, mm")
+    coarse: float = option(5.0, "cell size of the other parts, mm")
 
 
 def tied(comm, p):
-    """The bracket in three parts; solves for it, and returns them and the tie to the shelf."""
+    """Solve for the bracket in three parts; return the parts and the tie to the shelf."""
     corner = Part(comm, "corner", p.fine)
     upright, shelf = (Part(comm, name, p.coarse) for name in ("upright", "shelf"))
     ties = [
@@ -68,7 +69,7 @@ def tied(comm, p):
 
 
 def matching(comm, p):
-    """The same in one mesh, without qsdolfinx."""
+    """Solve for the bracket in one mesh, without qsdolfinx."""
     whole = Part(comm, "whole", p.fine)
     a = ufl.derivative(whole.F, whole.u)
     LinearProblem(a, -whole.F, whole.bcs, u=whole.u, petsc_options=LU).solve()  # u is 0 in F
@@ -76,7 +77,7 @@ def matching(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve both ways; returns what --json writes, the parts, and the bracket in one mesh."""
+    """Solve both ways; return the --json object, the parts, and the bracket in one mesh."""
     clock = Clock(comm)
     parts, tie = tied(comm, p)
     seconds, clock = clock.seconds(), Clock(comm)
@@ -84,7 +85,7 @@ def run(p, comm=MPI.COMM_WORLD):
     seconds_matching = clock.seconds()
     peak, peak_matching = (max(part.fillet_stress()[1]) for part in (parts[0], whole))
     deflection, deflection_matching = parts[2].deflection(), whole.deflection()
-    force = tie.force("slave")[[0, 2]]  # along y the plane of symmetry holds, too
+    force = tie.force("slave")[[0, 2]]  # the symmetry plane also takes force along y
     result = {
         "peak": peak,
         "peak_matching": peak_matching,

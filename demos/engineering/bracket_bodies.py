@@ -1,4 +1,4 @@
-"""The bracket of docs/howto/bracket.md, whole or in parts, one half of its width."""
+"""Make the bracket of docs/howto/bracket.md, whole or in parts, one half of its width."""
 
 import math
 
@@ -12,9 +12,9 @@ import qsdolfinx as qs
 from common.bodies import facets_at, fix, gmsh_mesh, integral, measure, per_area
 
 LEG, THICK, HALF_WIDTH, FILLET, CUT = 40.0, 8.0, 8.0, 4.0, 16.0  # mm; CUT: where the corner ends
-BOLT, AT = 3.0, 30.0  # mm, its radius and height
+BOLT, AT = 3.0, 30.0  # mm, radius and height of the bolt
 LOAD, E, NU = 1e3, 2.1e5, 0.3  # N, MPa
-CENTRE = THICK + FILLET  # x and z of the fillet's axis
+CENTRE = THICK + FILLET  # x and z of the axis of the fillet
 #: Origin and size of the boxes that cut out the parts, in x and z.
 PARTS = {
     "corner": (0.0, 0.0, CUT, CUT),
@@ -25,7 +25,7 @@ PARTS = {
 
 
 def part_mesh(comm, part, size):
-    """Tetrahedra of a part."""
+    """Mesh a part with tetrahedra."""
 
     def draw(gmsh):
         occ = gmsh.model.occ
@@ -51,12 +51,12 @@ def part_mesh(comm, part, size):
 
 
 class Part:
-    """A part of the bracket: held by the bolt and loaded at its end, where it has them.
+    """A part of the bracket, with the bolt's support and the load where the part has them.
 
     Args:
         comm: Communicator.
-        part: Which one.
-        size: Of the cells (mm).
+        part: Name of the part.
+        size: Size of the cells (mm).
     """
 
     def __init__(self, comm, part, size):
@@ -74,24 +74,25 @@ class Part:
         self.dofs = 3 * V.dofmap.index_map.size_global
 
     def surface(self, axis):
-        """Its face where the corner ends along an axis."""
+        """Return the contact surface at the end of the corner along an axis."""
         return qs.Surface(self.V, facets=facets_at(self.mesh, axis, CUT))
 
     def deflection(self):
-        """Mean of the loaded end, downwards. Collective."""
+        """Return the mean downward deflection of the loaded end. Collective."""
         area = integral(self.mesh, fem.Constant(self.mesh, 1.0) * self.end)
         return -integral(self.mesh, self.u[2] * self.end) / area
 
     def von_mises(self):
-        """Its von Mises stress, a UFL expression."""
+        """Return the von Mises stress, a UFL expression."""
         s = ufl.dev(self.stress)
         return ufl.sqrt(1.5 * ufl.inner(s, s))
 
     def fillet_stress(self):
-        """Von Mises stress along the fillet, means over the middle half of the width. Collective.
+        """Return von Mises stress along the fillet, averaged over half of its width. Collective.
 
         Returns:
-            Angles from the shelf (degrees), and stresses (MPa) in the 10° around each.
+            Angles from the shelf (degrees), and stresses (MPa): means over the 10° around each
+                angle, in the middle half of the width.
         """
         x = ufl.SpatialCoordinate(self.mesh)
         angle = ufl.atan2(CENTRE - x[0], CENTRE - x[2])
@@ -109,7 +110,7 @@ class Part:
 
 
 def around(msh, axis, z, radius):
-    """Facets of the boundary on a cylinder about (z, z), or (0, z), across x or y, and z."""
+    """Return boundary facets on a cylinder about (z, z), or (0, z), across x or y, and z."""
     middle = z if axis == 0 else 0.0
     return mesh.locate_entities_boundary(
         msh, 2, lambda x: np.isclose(np.hypot(x[axis] - middle, x[2] - z), radius, atol=1e-6)
@@ -117,6 +118,6 @@ def around(msh, axis, z, radius):
 
 
 def beam_stress():
-    """Bending stress of a beam where the fillet ends, as von Mises stress in plane strain."""
+    """Return a beam's bending stress at the fillet's end, as von Mises stress in plane strain."""
     bending = 6 * LOAD * (LEG - CENTRE) / (2 * HALF_WIDTH * THICK**2)
     return math.sqrt(1 - NU + NU**2) * bending

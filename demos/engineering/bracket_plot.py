@@ -1,4 +1,4 @@
-"""The picture of the bracket: collective, what is drawn is gathered on rank 0, which draws."""
+"""Draw the picture of the bracket. Collective: data are gathered on rank 0, which draws."""
 
 import numpy as np
 
@@ -17,11 +17,11 @@ from common.drawing import (
     steps_of_colour,
 )
 
-SCALE = 10.0  # of displacements
+SCALE = 10.0  # scale factor of displacements
 
 
 def skin(part):
-    """Triangles of a part's boundary, both halves, and von Mises stress in them; or None."""
+    """Return triangles of a part's boundary, both halves, and their von Mises stress; or None."""
     u = fem.Function(fem.functionspace(part.mesh, ("Lagrange", 1, (3,))))
     u.interpolate(part.u)
     x, stress = part.mesh.geometry.x, cell_values(part.mesh, part.von_mises())

@@ -1,23 +1,25 @@
 """Two spur gears in mesh over a pitch: torques, and the pressure at the pitch point.
 
-Involute teeth of module 4 mm, 20 and 40 of them, angle of pressure 20°, steel (E = 210 GPa, ν =
-0.3), plane strain, no friction. Three teeth of the pinion and four of the wheel, on rims; the
-wheel's rim is held, and the pinion's turned on by a small angle, in positions over one pitch. In
-the middle one a single pair touches, at the pitch point. In each position the meshes are turned,
-and a linear problem with contact is solved.
+Involute teeth of module 4 mm, 20 and 40 teeth, pressure angle 20°, steel (E = 210 GPa, ν = 0.3),
+plane strain, no friction. Three teeth of the pinion and four of the wheel are modelled, on rims;
+the rim of the wheel is fixed, and the rim of the pinion is turned by a small angle, in positions
+over one pitch. In the middle position a single pair of teeth is in contact, at the pitch point. In
+each position the meshes are turned, and a linear problem with contact is solved.
 
     python3 demos/engineering/gear_pair.py --plot gear_pair.png
     mpirun -n 2 python3 demos/engineering/gear_pair.py --h 0.1 --steps 4 --json gear_pair.json
 
 Keys of the JSON object:
 
-- ratio_error: of the torques' ratio over 2, − 1, at the pitch point;
-- line_error: angle (radians) of the force against the line of action there;
-- largest_ratio_error: of all positions; the edges of tips come in beside the line of action;
-- hertz_error: of the largest pressure at the pitch point over Hertz', − 1, for the force that acts
-  there and radii of curvature r sin 20°;
-- pressure (MPa), torque (N m per mm): at the pitch point, Hertz', and on the pinion;
-- largest_torque (N m per mm): of all positions; two pairs are stiffer than one.
+- ratio_error: ratio of the torques over 2, − 1, at the pitch point;
+- line_error: angle (radians) between the force and the line of action there;
+- largest_ratio_error: largest ratio_error of all positions; tip edges come into contact off the
+  line of action;
+- hertz_error: largest pressure at the pitch point over Hertz' pressure, − 1, for the force that
+  acts there and radii of curvature r sin 20°;
+- pressure (MPa), torque (N m per mm): at the pitch point, Hertz' pressure, and the torque on the
+  pinion;
+- largest_torque (N m per mm): largest torque of all positions; two pairs are stiffer than one.
 """
 
 import dataclasses
@@ -49,14 +51,14 @@ LIMITS = {
 
 @dataclasses.dataclass
 class Parameters:
-    """One pair of gears."""
+    """Parameters of a gear pair."""
 
     h: float = option(0.06, "mm, size of facets on the flanks")
-    steps: int = option(12, "of positions, over a pitch", type=count)
+    steps: int = option(12, "number of positions, over a pitch", type=count)
 
 
 def create(comm, h):
-    """Pinion and wheel; a tooth of the pinion between two of the wheel's."""
+    """Make pinion and wheel; a tooth of the pinion is between two teeth of the wheel."""
     pitches = [2 * np.pi / teeth for teeth in TEETH]
     pinion = Gear(comm, TEETH[0], pitches[0] * np.arange(-1, 2), (0.0, 0.0), h)
     axis = pinion.profile.radius * (1 + TEETH[1] / TEETH[0])
@@ -65,7 +67,7 @@ def create(comm, h):
 
 
 def turn(gears, s):
-    """Solve where the pinion has turned by s pitches since a pair touched at the pitch point."""
+    """Solve for the pinion turned by s pitches from contact of a pair at the pitch point."""
     pinion, wheel = gears
     angle = pinion.profile.pitch * (s - 0.25)
     slave = pinion.place(angle, WIND_UP)
@@ -82,17 +84,17 @@ def turn(gears, s):
 
 
 def hertz(pinion, wheel, force):
-    """Largest pressure of two cylinders with the teeth's curvature at the pitch point."""
+    """Return Hertz' pressure of two cylinders with the teeth's curvature at the pitch point."""
     curvature = sum(1 / (gear.profile.radius * np.sin(ANGLE)) for gear in (pinion, wheel))
     return np.sqrt(force * curvature * E / (2 * (1 - NU**2)) / np.pi)
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """All positions; returns what --json writes, positions and torques, and the gears."""
+    """Solve for all positions; return the --json object, positions and torques, and the gears."""
     gears = create(comm, p.h)
     positions = np.linspace(-0.5, 0.5, p.steps + 1)
     torques = np.array([turn(gears, s)[0] for s in positions])
-    middle, force, peak = turn(gears, 0.0)  # which is drawn
+    middle, force, peak = turn(gears, 0.0)  # the position that is drawn
     pressure = hertz(*gears, np.linalg.norm(force))
     return {
         "ratio_error": middle[1] / middle[0] / 2 - 1,

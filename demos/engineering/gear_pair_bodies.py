@@ -1,4 +1,4 @@
-"""Sectors of spur gears: involute teeth by NumPy, triangles by gmsh, elastic in plane strain."""
+"""Make sectors of spur gears: involute teeth by NumPy, triangles by gmsh, plane strain."""
 
 import numpy as np
 
@@ -9,16 +9,16 @@ import qsdolfinx as qs
 
 from common.bodies import gmsh_mesh
 
-E, NU, MODULE, ANGLE = 210e3, 0.3, 4.0, np.radians(20)  # MPa, -, mm; angle of pressure
+E, NU, MODULE, ANGLE = 210e3, 0.3, 4.0, np.radians(20)  # MPa, -, mm; pressure angle
 
 
 def involute(angle):
-    """The angle inv α = tan α − α."""
+    """Return the involute function inv α = tan α − α."""
     return np.tan(angle) - angle
 
 
 class Profile:
-    """A spur gear's tooth without profile shift; radii in mm, angles from its middle."""
+    """A tooth of a spur gear without profile shift; radii in mm, angles from its middle."""
 
     def __init__(self, teeth):
         self.teeth, self.pitch = teeth, 2 * np.pi / teeth
@@ -28,13 +28,13 @@ class Profile:
         self.rim = self.root - 2.5 * MODULE
 
     def half_thickness(self, r):
-        """Angle from the middle to the flank at radii from the base circle on."""
+        """Return the angle from the middle to the flank, at radii from the base circle on."""
         return np.pi / (2 * self.teeth) + involute(ANGLE) - involute(np.arccos(self.base / r))
 
     def flank(self, h):
-        """From the tip to the root, shape (n, 2): angles and radii of points at most h apart.
+        """Return points from tip to root, shape (n, 2): angles and radii, at most h apart.
 
-        The length of an involute goes with the square of its roll angle; below the base circle
+        The length of an involute grows with the square of its roll angle; below the base circle
         there is a fillet.
         """
         roll = np.sqrt((self.tip / self.base) ** 2 - 1)
@@ -48,7 +48,7 @@ class Profile:
         return np.concatenate([np.stack([angle, r], axis=-1), fillet])
 
     def outline(self, middles, h):
-        """Of a sector with teeth at these angles: points anticlockwise, flanks after tips fine."""
+        """Return the outline of a sector with teeth at these angles: anticlockwise, fine flanks."""
         fine, coarse = self.flank(h), self.flank(max(h, 0.8)) * [-1, 1]
         tooth = np.concatenate([coarse[::-1], fine])
         teeth = [tooth + np.array([middle, 0]) for middle in middles]
@@ -60,14 +60,14 @@ class Profile:
 
 
 class Gear:
-    """An elastic sector of a gear, whose rim is turned.
+    """Elastic sector of a gear; its rim is turned.
 
     Args:
         comm: Communicator.
-        teeth: Of the whole gear.
-        middles: Angles of the teeth that are there.
-        center: Where its axis is.
-        h: Size of facets on the flanks that touch.
+        teeth: Number of teeth of the whole gear.
+        middles: Angles of the teeth in the sector.
+        center: Position of the axis.
+        h: Size of facets on the flanks in contact.
     """
 
     def __init__(self, comm, teeth, middles, center, h):
@@ -105,7 +105,7 @@ class Gear:
         self.bcs = [fem.dirichletbc(self.turned, fem.locate_dofs_topological(V, 1, rim))]
 
     def place(self, angle, further):
-        """Turn the mesh by an angle, and the rim a little further; returns the contact surface."""
+        """Turn the mesh by an angle, and the rim a little further; return the contact surface."""
         c, s = np.cos(angle), np.sin(angle)
         self.mesh.geometry.x[:, :2] = self.x @ [[c, s], [-s, c]] + self.center
         x, y = self.center

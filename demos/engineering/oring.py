@@ -2,19 +2,19 @@
 
 A quarter of the section, by symmetry: radius 1, plane strain, neo-Hookean rubber (shear modulus 1),
 squeezed by a quarter of its height between the rigid bottom and lid of a groove 3 wide, without
-friction. It is solved with three elements on the same mesh of triangles with curved edges:
-displacements of degree 1 (p1), of degree 2 (p2), and of degree 2 with a continuous pressure of
-degree 1 as an unknown (mixed; Taylor and Hood).
+friction. Three elements are compared on the same mesh of triangles with curved edges: displacements
+of degree 1 (p1), displacements of degree 2 (p2), and displacements of degree 2 with a continuous
+pressure of degree 1 as an unknown (mixed; Taylor and Hood).
 
     python3 demos/engineering/oring.py --plot oring_locking.png
     mpirun -n 2 python3 demos/engineering/oring.py --nu 0.4999 --json oring.json
 
-Lindley's formula (J. IRI 1, 1967), fitted to measurements: rings that may expand need a force of
-E d (1.25 c^1.5 + 50 c^6) per length for a squeeze c of their diameter d. In plane strain it is
-E / (1 − ν²) in the place of E. Keys of the JSON object, for each element:
+Lindley's formula (J. IRI 1, 1967), fitted to measurements: rings that may expand need a force of E
+d (1.25 c^1.5 + 50 c^6) per length for a squeeze c of their diameter d. In plane strain E / (1 − ν²)
+replaces E. Keys of the JSON object, for each element:
 
-- force_error_p1, ...: of the force on the lid over Lindley's, − 1;
-- iterations_p1, ...: of Newton's method, all steps.
+- force_error_p1, ...: force on the lid over Lindley's force, − 1;
+- iterations_p1, ...: number of Newton iterations, all steps.
 """
 
 import dataclasses
@@ -37,20 +37,20 @@ from rubber_bodies import MU, RADIUS, MixedRubber, Rubber
 
 ELEMENTS = ("p1", "p2", "mixed")
 HALF_WIDTH, SQUEEZE, STEPS = 1.5, 0.25, 5
-LINDLEY = (1.25 * SQUEEZE**1.5 + 50 * SQUEEZE**6) * 2 * RADIUS  # over the modulus
+LINDLEY = (1.25 * SQUEEZE**1.5 + 50 * SQUEEZE**6) * 2 * RADIUS  # stress over the shear modulus
 LIMITS = {"force_error_p2": 0.03, "force_error_mixed": 0.03}
 
 
 @dataclasses.dataclass
 class Parameters:
-    """One squeezed ring."""
+    """Parameters of a squeezed ring."""
 
     facet: float = option(0.1, "size of facets")
     nu: float = option(0.499, "Poisson's ratio")
 
 
 def create(comm, p, element):
-    """The quarter of a ring made of one of ELEMENTS, held by symmetry."""
+    """The quarter of a ring with one of ELEMENTS, supported by symmetry."""
 
     def draw(gmsh):
         for name, value in (("SizeMax", p.facet), ("SizeMin", p.facet)):
@@ -71,7 +71,7 @@ def create(comm, p, element):
 
 
 def squeeze(comm, p, element):
-    """Force on the lid over Lindley's, − 1, iterations, and the ring. Collective."""
+    """Squeeze the ring: force on the lid over Lindley's, − 1; iterations; the ring. Collective."""
     body = create(comm, p, element)
     lid = qs.RigidSurface.plane(comm, [0, RADIUS], [0, -1])
     wall = qs.RigidSurface.plane(comm, [HALF_WIDTH, 0], [-1, 0])
@@ -85,13 +85,13 @@ def squeeze(comm, p, element):
     for _ in stepper.run(float(STEPS)):
         iterations += stepper.num_iterations
     if element == "mixed":
-        body.u = body.u.sub(0).collapse()  # to be drawn
+        body.u = body.u.sub(0).collapse()  # for the picture
     force = 2 * contacts[0].force("master")[1] / (LINDLEY * 2 * MU / (1 - p.nu))
     return force - 1, iterations, body
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Solve with each element; returns what --json writes, and the rings."""
+    """Solve with each element; return the --json object, and the rings."""
     result, rings = {}, {}
     for element in ELEMENTS:
         error, iterations, rings[element] = squeeze(comm, p, element)

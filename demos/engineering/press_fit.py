@@ -2,19 +2,20 @@
 
 Axisymmetric, linear elastic (E = 210 GPa, ν = 0.3): shaft Ø40 mm, hub Ø40/Ø80, both 40 mm long;
 radii overlap by 20 µm. The first solve is the shrink fit, without friction: Lamé's pressure,
-uniform. Then, with μ = 0.12, the shaft's end is pulled; the hub leans on a plate at that end.
+uniform. Then, with μ = 0.12, the end of the shaft is pulled; the hub is supported by a plate at
+that end.
 
     python3 demos/engineering/press_fit.py --plot press_fit.png
     mpirun -n 2 python3 demos/engineering/press_fit.py --cells 24 --json press_fit.json
 
-The force that lets the shaft slip is 2π a L μ p, less what pulling itself takes from the pressure:
-the shaft gets thinner, and the hub, compressed, wider. With p = p₀ − c F along the shaft, dF/dz =
-2π a μ p gives F = p₀/c (1 − exp(−2π a L μ c)). Keys of the JSON object:
+The pull at which the shaft slips is 2π a L μ p, reduced because the pull itself lowers the
+pressure: the shaft gets thinner, and the hub, compressed, wider. With p = p₀ − c F along the shaft,
+dF/dz = 2π a μ p gives F = p₀/c (1 − exp(−2π a L μ c)). Keys of the JSON object:
 
-- pressure_error: mean pressure of the shrink fit over Lamé's, − 1;
-- force_error: of the largest pull over the closed form, − 1;
-- friction_error: pull over μ N, − 1, the largest of all steps in which all of the shaft slips;
-- pressure (MPa), force (kN), simple_force (kN): Lamé's p₀, computed, and 2π a L μ p₀.
+- pressure_error: mean pressure of the shrink fit over Lamé's pressure, − 1;
+- force_error: largest pull over the closed form, − 1;
+- friction_error: pull over μ N, − 1; the largest of all steps in which the whole shaft slips;
+- pressure (MPa), force (kN), simple_force (kN): Lamé's p₀, computed pull, and 2π a L μ p₀.
 """
 
 import dataclasses
@@ -38,28 +39,28 @@ from common.limits import check
 from press_fit_bodies import INTERFERENCE, LENGTH, NU, A, B, E, Ring
 
 MU = 0.12
-#: Ways of the shaft's end (mm): until all of it slips, and on to a quarter of the length.
+#: Displacements of the shaft's end (mm): until all of it slips, and on to a quarter of the length.
 PULLS = (0.002, 0.004, 0.006, 0.008, 0.012, 0.02, *np.arange(1.0, 10.1, 1.0))
 LIMITS = {"pressure_error": 3e-3, "force_error": 5e-3, "friction_error": 5e-3}
 
 
 @dataclasses.dataclass
 class Parameters:
-    """One press fit."""
+    """Parameters of a press fit."""
 
-    cells: int = option(16, "of the shaft along its length; 1.4 times of the hub", type=count)
+    cells: int = option(16, "cells along the shaft; 1.4 times as many along the hub", type=count)
 
 
 def closed_form():
-    """Lamé's pressure, and the pull-out force with and without its loss of pressure."""
-    p = INTERFERENCE / A * E * (B**2 - A**2) / (2 * B**2)  # of one material, both ends free
-    thinner = NU * A / E * (1 / (np.pi * A**2) + 1 / (np.pi * (B**2 - A**2)))  # per force
+    """Return Lamé's pressure, and the pull-out force with and without the loss of pressure."""
+    p = INTERFERENCE / A * E * (B**2 - A**2) / (2 * B**2)  # one material, both ends free
+    thinner = NU * A / E * (1 / (np.pi * A**2) + 1 / (np.pi * (B**2 - A**2)))  # per unit force
     c, simple = p * thinner / INTERFERENCE, 2 * np.pi * A * LENGTH * MU * p
     return p, p / c * (1 - np.exp(-simple * c / p)), simple
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Shrink and pull: ways (mm), pulls and normal forces (N) of all steps; and bodies."""
+    """Shrink and pull; return displacements (mm), pulls and normal forces (N), and bodies."""
     shaft = Ring(comm, 0.0, A + INTERFERENCE, A + INTERFERENCE, p.cells)
     hub = Ring(comm, A, B, A, round(1.4 * p.cells))
     mu = fem.Constant(hub.mesh, 0.0)
@@ -82,7 +83,7 @@ def run(p, comm=MPI.COMM_WORLD):
 
 
 def summary(rows):
-    """What --json writes."""
+    """Return the --json object."""
     (_, _, shrunk), *pulled = rows
     lame, exact, simple = closed_form()
     force = max(pull for _, pull, _ in pulled)

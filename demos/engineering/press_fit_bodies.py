@@ -1,4 +1,4 @@
-"""Shaft and hub of the press fit: elastic rings."""
+"""Make shaft and hub of the press fit: elastic rings."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ A, B, LENGTH, INTERFERENCE = 20.0, 40.0, 40.0, 0.02  # mm
 
 
 class Ring:
-    """A ring of quadrilaterals; its end at z = LENGTH is held along z, but for the edge."""
+    """A ring of quadrilaterals; its end at z = LENGTH is fixed along z, except at the edge."""
 
     def __init__(self, comm, inner, outer, touching, n):
         corners, cells = [(inner, 0.0), (outer, LENGTH)], (max(3, n // 2), n)

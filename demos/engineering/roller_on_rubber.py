@@ -1,19 +1,19 @@
-"""How far does a steel roller come on rubber? Less than its circumference, as rubber is stretched.
+"""Distance that a steel roller travels on rubber: less than its circumference, as rubber stretches.
 
 The roller of demos/rubber.py: radius 30 mm, pressed 3 mm into a sheet 20 mm thick, and turned. In
-the zone that sticks, rubber passes with the speed of the rim. Made longer by a stretch λ, it has to
-come in more slowly by as much, so that the way in an angle φ is R φ / λ.
+the stick zone the rubber passes with the speed of the rim. Rubber that is elongated by a stretch λ
+enters the zone more slowly by this factor, so that the roller travels R φ / λ in an angle φ.
 
     python3 demos/engineering/roller_on_rubber.py --plot roller_on_rubber.png
     mpirun -n 2 python3 demos/engineering/roller_on_rubber.py --facet 4 --degrees 48
 
 Keys of the JSON object; forces are per mm of depth, stresses in the shear modulus:
 
-- way_of_a_turn (mm): 2 π R times the way over the angle, of the last 16 degrees;
-- stretch: of the surface in the middle half of the contact, then;
+- way_of_a_turn (mm): 2 π R times distance over angle, of the last 16 degrees;
+- stretch: stretch of the surface in the middle half of the contact over the same degrees;
 - force: on the roller, upwards, at the end;
 - error_of_stretch: way_of_a_turn / (2 π R / stretch) - 1;
-- error_of_published: way_of_a_turn / 175.4 - 1, NAFEMS R0094's benchmark 5 (Konter 2006);
+- error_of_published: way_of_a_turn / 175.4 - 1, with benchmark 5 of NAFEMS R0094 (Konter 2006);
 - force_error: largest |force on the roller + reaction of the clamped base| / |force|.
 """
 
@@ -40,15 +40,15 @@ from rubber_bodies import HEIGHT
 from rubber_scenes import PRESSING, ROLLER
 
 LIMITS = {"error_of_stretch": 1e-2, "error_of_published": 4e-2, "force_error": 1e-6}
-STEP, PUBLISHED = 4.0, 175.4  # degrees; mm, of a turn
+STEP, PUBLISHED = 4.0, 175.4  # degrees; mm, per turn
 
 
 @dataclasses.dataclass
 class Parameters:
-    """One roll."""
+    """Parameters of a rolling test."""
 
     facet: float = option(2.0, "size of facets, mm")
-    degrees: float = option(120.0, "angle to roll by")
+    degrees: float = option(120.0, "angle of rolling")
 
     def __post_init__(self):
         if self.degrees < 5 * STEP:
@@ -65,17 +65,17 @@ class Stretch:
         inside = ufl.conditional(abs(x[0] + body.u[0] - self.centre) < self.half, 1.0, 0.0)
         ds = measure(body.mesh, facets_at(body.mesh, 1, 0.0))(degree=8)
         forms = inside * ds, inside * ufl.sqrt(ufl.dot(tangent, tangent)) * ds
-        self.forms = [fem.form(form) for form in forms]  # once: numbers in a form compile it anew
+        self.forms = [fem.form(form) for form in forms]  # no recompilation
 
     def __call__(self, scene, contact):
-        """Now. Collective."""
+        """Return the present value. Collective."""
         self.centre.value, self.half.value = scene.lid.center[0], contact.patch()[0] / 4
         length, stretched = (integral(self.mesh, form) for form in self.forms)
         return stretched / length
 
 
 def run(p, comm=MPI.COMM_WORLD):
-    """Press and roll; returns what --json writes, the rows of all steps, and the scene."""
+    """Press and roll; return the --json object, the rows of all steps, and the scene."""
     steps = round(p.degrees / STEP)
     of_rubber = rubber.Parameters("roller", p.facet, steps * STEP / 360, steps)
     scene, (contact,), stepper = rubber.build(comm, of_rubber)
@@ -98,7 +98,7 @@ def run(p, comm=MPI.COMM_WORLD):
 
 
 def main():
-    p, a = Command(__doc__, Parameters, plot="draw the roller, and its way").parse()
+    p, a = Command(__doc__, Parameters, plot="draw the roller, and its distance").parse()
     result, rows, scene = run(p)
     report(result, a.json, ".6g")
     check(result, LIMITS)

@@ -1,4 +1,4 @@
-"""The picture of the roller on rubber: what is drawn is gathered on rank 0, which draws."""
+"""Draw the picture of the roller on rubber; data are gathered on rank 0, which draws."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from rubber_scenes import ROLLER
 
 
 def draw(filename, result, rows, scene, published):
-    """Rubber under the roller, and its way over the angle. Collective."""
+    """Draw the rubber under the roller, and its distance over the angle. Collective."""
     body = scene.body
     shear = ufl.sqrt(0.5 * ufl.inner(ufl.dev(body.stress), ufl.dev(body.stress)))
     shape = cells(body.mesh, node_values(body.u), shear)

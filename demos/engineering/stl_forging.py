@@ -1,21 +1,21 @@
 """Forging with a die from an STL file: a hot billet is pressed into the pocket of the upper die.
 
-A quarter of a steel billet, radius 10 mm and height 12 mm, Norton-Hoff with K = 50 MPa sᵐ and
-m = 0.15, stands on a flat plate; the upper die, with a pocket 4 mm deep, comes down at 10 mm/s. The
+A quarter of a steel billet, radius 10 mm and height 12 mm, Norton-Hoff with K = 50 MPa sᵐ and m =
+0.15, stands on a flat plate; the upper die, with a pocket 4 mm deep, comes down at 10 mm/s. The
 script writes the die as a binary STL file, as a CAD program would, and `qs.RigidSurface.from_stl`
-reads it. There is no friction, so that the power of the press is what the billet dissipates.
+reads it. There is no friction, so the power of the press equals the dissipation of the billet.
 
     python3 demos/engineering/stl_forging.py --plot stl_forging.png
     mpirun -n 2 python3 demos/engineering/stl_forging.py --size 3 --steps 3
 
-Keys of the JSON object, of the whole billet:
+Keys of the JSON object, for the whole billet:
 
-- force (kN): of the press at the end;
-- boss (mm): height of the billet's middle over the land of the die at the end;
-- volume_error: of the billet at the end, relative to the start;
+- force (kN): force of the press at the end;
+- boss (mm): height of the middle of the billet above the land of the die at the end;
+- volume_error: volume of the billet at the end, relative change since the start;
 - force_error: largest |force of the press - force on the plate| / |force|, of all steps;
-- energy_error: dissipated work over that of the press, -1; points that close in a step do not
-  move with the die yet.
+- energy_error: dissipated work over work of the press, -1; quadrature points that come into contact
+  within a step do not move with the die yet.
 """
 
 import dataclasses
@@ -47,22 +47,22 @@ LIMITS = {"volume_error": 5e-3, "force_error": 1e-6, "energy_error": 5e-2}
 
 @dataclasses.dataclass
 class Parameters:
-    """One forging."""
+    """Parameters of a forging."""
 
-    size: float = option(1.8, "of cells, mm")
-    steps: int = option(16, "for 4 mm, of which --stroke may be a part", type=count)
-    stroke: float = option(STROKE, "of the die, mm")
+    size: float = option(1.8, "cell size, mm")
+    steps: int = option(16, "number of steps for a stroke of 4 mm", type=count)
+    stroke: float = option(STROKE, "stroke of the die, mm")
 
 
 def build(comm, p):
-    """Billet, contacts with plate and die, and the stepper."""
+    """Make the billet, the contacts with plate and die, and the stepper."""
     billet = NortonHoff(quarter_cylinder(comm, RADIUS, 0.0, HEIGHT, p.size), K, M, slow=1e-3)
     V = billet.W.sub(0)
     bcs = [fix(V, axis, facets_at(billet.mesh, axis, 0.0)) for axis in (0, 1)]
     plate, die = qs.RigidSurface.plane(comm, [0, 0, 0], [0, 0, 1]), read_die(comm)
     surface, dt = billet.surface(skin(billet.mesh)), STROKE / SPEED / p.steps
     settings = {"unknown": "velocity", "dt": dt, "penalty": PENALTY, "enforcement": "penalty"}
-    settings["constraints"] = "points"  # the pocket is about as sharp as facets are large
+    settings["constraints"] = "points"  # the edge radius of the pocket is about the facet size
     contacts = [qs.Contact(surface, tool, **settings) for tool in (plate, die)]
     problem = qs.ContactProblem([billet.F], [billet.w], contacts, [bcs])
 
@@ -76,10 +76,10 @@ def build(comm, p):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=None):
-    """Forge; returns what --json writes, and a row of each step."""
+    """Forge; return the --json object, and a row of each step."""
     billet, contacts, stepper = build(comm, p)
     volume, rows, powers, work = billet.volume(), [], [], np.zeros(2)
-    stepper.on_solved = lambda: powers.append(4 * billet.power())  # where v was solved for
+    stepper.on_solved = lambda: powers.append(4 * billet.power())  # where v was solved
     for t in stepper.run(p.stroke / SPEED):
         below, above = (4 * contact.force("slave")[2] for contact in contacts)
         x = billet.mesh.geometry.x

@@ -1,4 +1,4 @@
-"""The picture of the forging with an STL die: what is drawn is gathered on rank 0, which draws."""
+"""Draw the picture of the forging with an STL die; data are gathered on rank 0, which draws."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from common.drawing import boundary, cell_values, draw_cells, gather, pyplot, sa
 
 
 class Picture:
-    """Sections of billet and die, of each step, and the force."""
+    """Collects sections of billet and die, and the force, of each step."""
 
     def __init__(self):
         self.states = []

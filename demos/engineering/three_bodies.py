@@ -1,23 +1,24 @@
-"""Three elastic bodies in a stack: run on some ranks, stop, and go on on as many as you like.
+"""Three elastic bodies in a stack: run, stop, and restart on any number of ranks.
 
 A bridge bearing: a pad of PTFE, 200 x 200 x 20 mm, lies on a pier of concrete, 100 mm high; on it
-is a longer steel plate of 40 mm, which goes down by 0.2 mm and then, as the bridge gets warm, 20 mm
-along x. The pad sticks to the pier (μ = 0.4) and slides under the plate (μ = 0.05). The meshes do
-not match. Poisson's ratios are 0: bars in series give the load.
+lies a longer steel plate of 40 mm, which goes down by 0.2 mm and then, as the bridge gets warm, 20
+mm along x. The pad sticks to the pier (μ = 0.4) and slides under the plate (μ = 0.05). The meshes
+do not match. Poisson's ratios are 0, so the load is that of bars in series.
 
     mpirun -n 2 python3 demos/engineering/three_bodies.py --output bearing --plot three_bodies.png
     python3 demos/engineering/three_bodies.py --output bearing --restart
 
-The first one writes fields for ParaView, a table and, half way along x, a checkpoint; then it does
-what the second one does: build the scene anew, go on from there, and compare with the table.
+The first command writes fields for ParaView, a table and, half way along x, a checkpoint. Then,
+like the second command, it builds the scene again, restarts from the checkpoint, and compares the
+results with the table.
 
 Keys of the JSON object:
 
-- load, drag (kN): of the pad on the plate at the end, along z and -x;
-- load_error: when pressed, relative to bars in series (the plate is longer);
-- drag_error: relative to Coulomb's law (faces are not quite flat);
+- load, drag (kN): force of the pad on the plate at the end, along z and -x;
+- load_error: error of the load after pressing, relative to bars in series (the plate is longer);
+- drag_error: error of the drag, relative to Coulomb's law (faces are not quite flat);
 - balance_error: largest |sum of the forces on the pad| / load;
-- restart_error: largest |force of the run that went on - force in the table| / load.
+- restart_error: largest |force of the restarted run - force in the table| / load.
 """
 
 import dataclasses
@@ -46,12 +47,12 @@ LIMITS = {"load_error": 2e-3, "drag_error": 1e-4, "balance_error": 1e-6, "restar
 
 @dataclasses.dataclass
 class Parameters:
-    """One run."""
+    """Parameters of a run."""
 
-    cells: int = option(6, "across the pad", type=count)
-    steps: int = option(4, "down, and twice as many along x", type=count)
-    output: str | None = option(None, "where all files go", metavar="FOLDER")
-    restart: bool = option(False, "only go on from --output's checkpoint")
+    cells: int = option(6, "number of cells across the pad", type=count)
+    steps: int = option(4, "steps down; twice as many along x", type=count)
+    output: str | None = option(None, "folder of all files", metavar="FOLDER")
+    restart: bool = option(False, "only restart from the checkpoint in --output")
 
     def __post_init__(self):
         if self.restart and not self.output:
@@ -59,7 +60,7 @@ class Parameters:
 
 
 def build(comm, p):
-    """Bodies and contacts by name, and the stepper."""
+    """Return bodies and contacts by name, and the stepper."""
     fewer = {"pier": 1, "pad": 0, "plate": 2}
     bodies = {name: Block(comm, name, max(1, p.cells - n)) for name, n in fewer.items()}
     pad, plate = bodies["pad"], bodies["plate"]
@@ -77,7 +78,7 @@ def build(comm, p):
 
 
 def make_steps(p, scene, folder=None, on_step=lambda t, bodies: None):
-    """All steps from where the stepper is, and files if there is a folder; returns a row each."""
+    """Run all remaining steps, and write files if a folder is given; return a row each."""
     bodies, contacts, stepper = scene
     out = Output(stepper.problem.comm, folder, 3.0, verbose=False)
     for name, body in bodies.items():
@@ -95,7 +96,7 @@ def make_steps(p, scene, folder=None, on_step=lambda t, bodies: None):
 
 
 def run(p, comm=MPI.COMM_WORLD, on_step=lambda t, bodies: None):
-    """Both runs; returns what --json writes, and the rows of both."""
+    """Run and restart; return the --json object, and the rows of both runs."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = pathlib.Path(p.output or comm.bcast(scratch))
         if not p.restart:

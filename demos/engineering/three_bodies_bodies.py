@@ -1,4 +1,4 @@
-"""The blocks of the bridge bearing."""
+"""Make the blocks of the bridge bearing."""
 
 import numpy as np
 
@@ -9,20 +9,20 @@ import qsdolfinx as qs
 
 from common.bodies import facets_at
 
-SIDE, BEYOND = 200.0, 40.0  # mm, of all blocks, and what the plate is longer by at each end
-#: From where to where each block goes along z (mm), and Young's moduli (MPa).
+SIDE, BEYOND = 200.0, 40.0  # mm, edge of all blocks, and excess of the plate at each end
+#: Range of each block along z (mm), and Young's moduli (MPa).
 Z = {"pier": (-100.0, 0.0), "pad": (0.0, 20.0), "plate": (20.0, 60.0)}
 YOUNG = {"pier": 3e4, "pad": 500.0, "plate": 2.1e5}
 DOWN, ALONG, MU = 0.2, 20.0, {"pier": 0.4, "plate": 0.05}  # mm, mm, -
 
 
 class Block:
-    """One of the blocks, of tetrahedra; the pier is held below, the plate moved above.
+    """A block of tetrahedra; the pier is fixed at its bottom, the plate is moved at its top.
 
     Args:
         comm: Communicator.
-        name: Which one.
-        cells: Along x and y.
+        name: Name of the block.
+        cells: Number of cells along x and y.
     """
 
     def __init__(self, comm, name, cells):
@@ -37,7 +37,7 @@ class Block:
         self.F = ufl.inner(stress, ufl.grad(v)) * ufl.dx
         at_ends = [facets_at(self.mesh, 2, z) for z in (low, high)]
         self.lower, self.upper = (qs.Surface(self.V, facets=facets) for facets in at_ends)
-        #: What is in contact with the pad, and displacement of the other end.
+        #: Face in contact with the pad, and displacement of the opposite face.
         self.face = self.lower if name == "plate" else self.upper
         self.moved = fem.Constant(self.mesh, np.zeros(3))
         self.bcs = []

@@ -1,4 +1,4 @@
-"""What the bridge bearing has written, and how the run that went on compares with it."""
+"""Read the output of the bridge bearing, and compare it with the restarted run."""
 
 import csv
 
@@ -8,7 +8,7 @@ from three_bodies_bodies import DOWN, MU, SIDE, YOUNG, Z
 
 
 def table(filename, comm):
-    """What the first run has written, a dictionary a row. Collective."""
+    """Read the table of the first run, one dictionary per row. Collective."""
     rows = None
     if comm.rank == 0:
         with open(filename, newline="") as file:
@@ -17,16 +17,16 @@ def table(filename, comm):
 
 
 def force(row, name):
-    """Of the pier or the plate on the pad (N)."""
+    """Return the force of the pier or the plate on the pad (N)."""
     return np.array([row[f"{name}_{axis}"] for axis in "xyz"])
 
 
 def compare(rows, again):
-    """What --json writes.
+    """Return the --json object.
 
     Args:
-        rows: Of the whole run.
-        again: Of the run that went on from the checkpoint.
+        rows: Rows of the whole run.
+        again: Rows of the run restarted from the checkpoint.
     """
     pressed = min(rows, key=lambda row: abs(row["t"] - 1))
     bars = DOWN * SIDE**2 / sum((Z[name][1] - Z[name][0]) / YOUNG[name] for name in Z)

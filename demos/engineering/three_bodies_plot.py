@@ -1,4 +1,4 @@
-"""The picture of the bridge bearing: what is drawn is gathered on rank 0, which draws."""
+"""Draw the picture of the bridge bearing; data are gathered on rank 0, which draws."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ COLOURS = {"pier": (0.75, 0.74, 0.7, 1), "pad": (0.95, 0.95, 0.85, 1), "plate": 
 
 
 class Picture:
-    """The blocks as they are at last, and forces over time."""
+    """Draws the blocks in their final state, and forces over time."""
 
     def __init__(self):
         self.skins = {}
 
     def __call__(self, t, bodies):
-        """Keep the surfaces. Collective."""
+        """Keep the surfaces of the blocks. Collective."""
         for name, body in bodies.items():
             x = body.mesh.geometry.x
             nodes, _ = boundary(body.mesh, x)

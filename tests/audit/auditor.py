@@ -1,14 +1,16 @@
-"""Audits a solved contact problem with DOLFINx and NumPy alone: no gap or force of the library's.
+"""Audit a solved contact problem with DOLFINx and NumPy alone, without the library's results.
 
-Contact forces at nodes are what the assembled residual of a body leaves there; distances are those
-of the deformed surfaces, by brute force. What is not zero exactly in the method has a bound that is
-computed here, too:
+Contact forces at nodes are the assembled residual of a body there; distances are measured between
+the deformed surfaces, by brute force. Quantities that are not exactly zero in the method have
+bounds, which are computed here, too:
 
-- Normals and partners are those of the bodies at rest (small sliding): true gaps and those of the
-  method differ by about (slide + initial gap) × (angle by which facets have turned, or differ).
-- Gaps are closed in the mean over a node's facets, unless a node is paired alone (nodal
-  master-slave contact): between, surfaces that are not parallel cut each other by facet × angle.
-- The penalty leaves pressure / penalty.
+- Normals and contact pairs belong to the undeformed bodies (small sliding): true gaps and the gaps
+  of the method differ by about (slide + initial gap) × (angle by which facets have rotated, or
+  differ).
+- Gaps are zero in the mean over a node's facets, unless each node has its own pair (nodal
+  master-slave contact): between nodes, surfaces that are not parallel penetrate each other by facet
+  × angle.
+- The penalty leaves a penetration of pressure / penalty.
 """
 
 import dataclasses
@@ -20,44 +22,44 @@ from audit.distance import Meshed, Tool
 from audit.sides import Side, read_side
 from audit.state import BodyState, SurfaceState, read_body, read_surface
 
-#: Forces that count as none: as a part of all contact forces and reactions, and of the scene's.
+#: Forces that count as zero: as a fraction of all contact forces and reactions, and of the scene's.
 PART, LEAST = 1e-6, 1e-8
 
-#: Of forces and directions.
+#: Rounding level of forces and directions.
 ROUNDING = 1e-9
 
-#: Lengths that count as none, as a part of the scene's.
+#: Lengths that count as zero, as a fraction of the scene's length.
 CLOSE = 1e-7
 
 #: Sides of a contact.
 NAMES = ("slave", "master")
 
-#: Multiplier over the pressure that nodal forces show, where meshes do not match.
+#: Ratio of the multiplier to the pressure from nodal forces, where meshes do not match.
 SPIKE = 4.0
 
 
 class Fault(typing.NamedTuple):
-    """What is wrong: which audit, by how many times its tolerance, and where or how."""
+    """A fault: which audit found it, the excess over its tolerance, and where or how."""
 
     check: str
     excess: float
     text: str
 
     def __str__(self):
-        return f"{self.check}: {self.text} ({self.excess:.1e} of what is allowed)"
+        return f"{self.check}: {self.text} ({self.excess:.1e} of the tolerance)"
 
 
 @dataclasses.dataclass
 class AuditedBody:
-    """A body as it was given to the problem.
+    """A body as it is given to the problem.
 
     Attributes:
         F: UFL residual.
         u: Unknown.
-        bcs: Conditions.
-        load: Its loads, summed up, shape (3,).
-        moment: Their moment about the origin, shape (3,); None where they are not known.
-        large: Whether moments balance about deformed nodes, and not about those at rest.
+        bcs: Dirichlet conditions.
+        load: Sum of its loads, shape (3,).
+        moment: Moment of the loads about the origin, shape (3,); None where it is not known.
+        large: Whether moments balance about the deformed nodes instead of the undeformed nodes.
     """
 
     F: typing.Any
@@ -70,27 +72,28 @@ class AuditedBody:
 
 @dataclasses.dataclass
 class Joint:
-    """A contact as it was asked for.
+    """A contact with the options it was asked for.
 
     Attributes:
-        slave: Body's index and facets on this rank.
-        master: The same, or a rigid tool.
-        penalty: Stress per length; None if gaps are closed by an augmented Lagrangian.
-        allowed_gap: That an augmented Lagrangian may leave (length).
-        tied: Whether it is.
+        slave: Index of the body, and facets on this rank.
+        master: The same for the master, or a rigid tool.
+        penalty: Stress per length; None if an augmented Lagrangian closes the gaps.
+        allowed_gap: Gap that an augmented Lagrangian may leave (length).
+        tied: Whether the contact is a tie.
         mu: Coulomb's coefficient of friction.
         shear: Tresca's limit (stress).
         viscous: Whether friction has no limit.
-        formulation: By name.
+        formulation: Name of the formulation.
         nodal: Whether gaps are taken at nodes.
-        at_points: Whether the pressure is at points, and friction at nodes: around the edge of
-            contact it reaches a facet further, so that nodes together have to keep to μ N.
-        follows: Whether contact follows the bodies: normals, gaps and moments are those of where
-            they are now, then.
-        reported: Function that returns the forces which the library says to act on the slave.
-        dissipated: Function that returns the energy which it says friction to have taken in the
-            step.
-        contact: The library's contact, whose readings are audited; None for none.
+        at_points: Whether pressure is defined at quadrature points, and friction at nodes: around
+            the edge of contact friction then reaches a facet further, so that μ N limits the
+            friction of nodes together.
+        follows: Whether the contact geometry is updated: normals, gaps and moments are then those
+            of the deformed bodies.
+        reported: Function that returns the force on the slave that the library reports.
+        dissipated: Function that returns the frictional energy of the step that the library
+            reports.
+        contact: The library's contact, whose results are audited; None for none.
     """
 
     slave: tuple
@@ -111,7 +114,7 @@ class Joint:
 
     @property
     def finite(self):
-        """Whether forces act where bodies are, also if they are tied."""
+        """Whether forces act at the deformed positions of the bodies, also of tied bodies."""
         return self.contact is not None and self.contact.sliding == "finite"
 
     @property
@@ -120,12 +123,12 @@ class Joint:
         return self.mu > 0 or self.shear > 0 or self.viscous
 
     def friction_limit(self, area, pushed):
-        """Force at vertices from which on they slip; of friction without a limit none."""
+        """Return the force at which vertices slip; infinite for friction without a limit."""
         return self.mu * np.maximum(pushed, 0.0) + self.shear * area
 
     @property
     def node_by_node(self):
-        """Whether each slave node closes its own gap, whatever its neighbours do."""
+        """Whether each slave node closes its own gap, independently of its neighbours."""
         one_sided = self.formulation == "master-slave"
         return self.nodal and (one_sided or (isinstance(self.master, Tool)))
 
@@ -134,10 +137,10 @@ class Auditor:
     """Audits a scene after each of its solves.
 
     Args:
-        bodies: As given to the problem.
-        joints: Its contacts.
-        length: Of the scene.
-        force: Of the scene: modulus × strain × area.
+        bodies: Bodies of the problem.
+        joints: Contacts of the problem.
+        length: Length of the scene.
+        force: Force scale of the scene: modulus × strain × area.
     """
 
     def __init__(self, bodies, joints, length, force):
@@ -155,11 +158,11 @@ class Auditor:
         )
 
     def read(self):
-        """States of all bodies. Collective."""
+        """Return the states of all bodies. Collective."""
         return [read_body(b.F, b.u, b.bcs) for b in self.bodies]
 
     def audit(self):
-        """What is wrong with the state after a solve, the same on all ranks. Collective."""
+        """Return the faults of the state after a solve, the same on all ranks. Collective."""
         states = self.read()
         tolerance = self.force_tolerance(states)
         faults = self.finite(states)
@@ -174,7 +177,7 @@ class Auditor:
             faults += joint_faults(joint, sides, tolerance, self.length)
             faults += self.readings(number, sides, states, tolerance)
             now = friction.read_memory(sides)
-            if joint.rubs and not joint.follows:  # slip is not counted from the bodies at rest
+            if joint.rubs and not joint.follows:  # slip is not counted from the undeformed bodies
                 faults += [
                     Fault(*fault)
                     for fault in friction.faults(joint, sides, self.before[number], now, tolerance)
@@ -183,7 +186,7 @@ class Auditor:
         return faults
 
     def read_contact(self, number):
-        """What the library says of the meshed sides of a contact, slave first. Collective."""
+        """Return the library's results on the meshed sides, slave first. Collective."""
         joint = self.joints[number]
         if joint.contact is None:
             return []
@@ -199,7 +202,7 @@ class Auditor:
         ]
 
     def readings(self, number, sides, states, tolerance):
-        """What is wrong with what the library says of a contact. Collective."""
+        """Return the faults of the library's results on a contact. Collective."""
         joint, out = self.joints[number], []
         ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
         for name, end, side, reading in zip(
@@ -221,7 +224,7 @@ class Auditor:
         return out
 
     def audit_update(self):
-        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        """Return results that change when contact is updated without a solve. Collective."""
         out = []
         for number, joint in enumerate(self.joints):
             before = self.read_contact(number)
@@ -233,7 +236,7 @@ class Auditor:
         return out
 
     def contact_nodes(self, i, state):
-        """Nodes of a body that are on any contact surface."""
+        """Return which nodes of a body are on any contact surface."""
         out = np.zeros(len(state.x), dtype=bool)
         for joint, surfaces in zip(self.joints, self.surfaces, strict=True):
             for end, surface in zip((joint.slave, joint.master), surfaces, strict=False):
@@ -242,7 +245,7 @@ class Auditor:
         return out
 
     def sides(self, number, states):
-        """The meshed sides of a contact, slave first."""
+        """Return the meshed sides of a contact, slave first."""
         joint, surfaces = self.joints[number], self.surfaces[number]
         ends = [end for end in (joint.slave, joint.master) if not isinstance(end, Tool)]
         if joint.follows:
@@ -258,7 +261,7 @@ class Auditor:
         return sides
 
     def force_tolerance(self, states):
-        """Forces that count as none."""
+        """Return the largest force that counts as zero."""
         total = 0.0
         for i, state in enumerate(states):
             rows = state.held | self.contact_nodes(i, state)[:, None]
@@ -271,7 +274,7 @@ class Auditor:
 
 
 def compare(check, values, bounds, text):
-    """A fault if any value is above its bound."""
+    """Return a fault if any value is above its bound."""
     values, bounds = np.broadcast_arrays(np.asarray(values, float), np.asarray(bounds, float))
     if values.size == 0 or np.all(values <= bounds):
         return []
@@ -287,13 +290,13 @@ def compare(check, values, bounds, text):
 
 
 def equilibrium(i, state: BodyState, on_contact, tolerance):
-    """Nothing is left where neither contact nor conditions act."""
+    """Check that the residual is zero where neither contact nor conditions act."""
     free = ~state.held & ~on_contact[:, None]
     return compare("equilibrium", np.abs(state.force[free]), tolerance, f"body {i}, residual")
 
 
 def body_balance(i, body, state, on_contact, tolerance, length):
-    """Contact forces, reactions and loads of a body."""
+    """Check the balance of contact forces, reactions and loads of a body."""
     rows = state.held | on_contact[:, None]
     force = np.where(rows, state.force, 0.0)
     slack = tolerance * np.sqrt(len(state.x))
@@ -309,7 +312,7 @@ def body_balance(i, body, state, on_contact, tolerance, length):
 
 
 def joint_faults(joint: Joint, sides: list[Side], tolerance, length):
-    """All that is to be audited on a contact without its history."""
+    """Run all audits of a contact that do not need its history."""
     faults = []
     if len(sides) == 2:
         faults += pair_balance(joint, sides, tolerance, length)
@@ -325,9 +328,9 @@ def joint_faults(joint: Joint, sides: list[Side], tolerance, length):
 
 
 def pair_balance(joint, sides, tolerance, length, arm=None):
-    """Forces of the two sides, and their moments about rest up to lever × force.
+    """Check the balance of the forces of the two sides, and of their moments up to lever × force.
 
-    Those of a tie balance with what is between its sides: ``arm`` is what that misses.
+    For a tie, ``arm`` is the lever of the couple of forces across the gap between its sides.
     """
     force = [side.nodal_force for side in sides]
     unknown = [np.any(side.nodal_held[:, : side.gdim], axis=0) for side in sides]
@@ -339,7 +342,7 @@ def pair_balance(joint, sides, tolerance, length, arm=None):
         moment = sum(np.cross(side.nodal_x, f).sum(axis=0) for side, f in zip(sides, force))
         size = sum(np.linalg.norm(f, axis=1).sum() for f in force)
         levers = max(side.lever(joint.rubs, tolerance) for side in sides)
-        if joint.tied:  # couples of what is between them
+        if joint.tied:  # couples across the gap of the tie
             levers = arm if arm is not None else ties.arm(sides) if joint.finite else 0.0
         reach = max(np.abs(side.nodal_x).max() for side in sides) + length
         bound = slack * reach + size * levers
@@ -348,7 +351,7 @@ def pair_balance(joint, sides, tolerance, length, arm=None):
 
 
 def reported_force(joint, sides, tolerance):
-    """What the library says the force on the slave to be."""
+    """Check the force on the slave that the library reports."""
     if joint.reported is None:
         return []
     side, given = sides[0], joint.reported()
@@ -359,18 +362,18 @@ def reported_force(joint, sides, tolerance):
 
 
 def directions(name, joint, side: Side, tolerance):
-    """Forces push, along the normal or within Coulomb's cone about it."""
+    """Check that forces push, along the normal or within Coulomb's cone about it."""
     size = np.linalg.norm(side.force, axis=1)
     apart = np.linalg.norm(side.vertices_now[:, None] - side.vertices_now, axis=2)
     near, further = (apart <= reach * side.size for reach in (1.1, 3.3))
     alone = joint.node_by_node and name == "slave"
-    # Tresca's limit is of the slave's area, which that of its nodes is in the mean.
+    # Tresca's limit uses the slave's area; the area of its nodes agrees with it in the mean.
     smeared = bool(joint.at_points and joint.rubs) or (joint.shear > 0 and not alone)
     if smeared:
         size = near @ size
-    # Tilts are those of facets; what presses has one between those of its neighbours.
+    # Tilts are those of facets; the pushing facet has a tilt between those of its neighbours.
     slack = side.hat_count * tolerance + (1.1 * side.tilt_at_rest + ROUNDING) * size
-    if joint.follows:  # N_k moves along with where rays end, by gaps between nodes
+    if joint.follows:  # N_k moves with the end points of the rays, by the gaps between nodes
         pushed = side.vertices_now[-side.pull > slack]
         close = np.linalg.norm(side.points_now[:, None] - pushed, axis=2) <= 1.1 * side.size
         beside = side.now.facing & np.any(close, axis=1)
@@ -400,14 +403,14 @@ def directions(name, joint, side: Side, tolerance):
 
 
 def linearisation(side: Side):
-    """What the method's gaps at vertices may differ from true ones."""
+    """Return the possible difference between the method's gaps at vertices and the true gaps."""
     return 2 * (side.slide + side.initial_gap) * side.turn
 
 
 def complementarity(name, joint, sides, side: Side, tolerance, reach, length):
-    """Where all is apart, within the reach of a multiplier, there is no force."""
+    """Check that there is no force where all is apart within the support of a multiplier."""
     alone = joint.node_by_node and name == "slave"
-    # What has slid over an edge keeps the partner it had at rest.
+    # A node that has slid over an edge keeps the partner of the undeformed state.
     gap = np.where(side.now.facing, side.now.distance, -np.inf)[: side.num_vertices]
     if not alone:
         gap[:] = np.inf
@@ -425,12 +428,12 @@ def complementarity(name, joint, sides, side: Side, tolerance, reach, length):
 
 
 def penetration(name, joint, sides, side: Side, reach, length):
-    """Nothing is deeper than penalty, tolerance and geometry explain."""
+    """Check that no penetration exceeds what penalty, tolerance and geometry explain."""
     alone = joint.node_by_node
     if alone and name == "master":
         return []
     count = side.num_vertices if alone else len(side.points_now)
-    # What was beside the other side at rest has no partner (small sliding).
+    # A point beside the other side in the undeformed state has no partner (small sliding).
     known = side.now.facing & side.rest.facing
     depth = np.where(known, -side.now.distance, -np.inf)[:count]
     pressure = max(s.pressure.max(initial=0.0) for s in sides)
@@ -443,21 +446,22 @@ def penetration(name, joint, sides, side: Side, reach, length):
 
 
 def tied_gaps(joint, sides, reach, length, paired=(None, None)):
-    """Jumps of tied surfaces are zero in the mean: no component has one sign everywhere near.
+    """Check that jumps of a tie are zero in the mean: no component has one sign everywhere near.
 
-    ``paired`` are the sides where small rotations count from.
+    ``paired`` are the sides in the state from which small rotations are counted.
     """
     pressure = max((np.linalg.norm(s.force, axis=1) / s.area).max(initial=0.0) for s in sides)
     bound = CLOSE * length
     bound += SPIKE * pressure / joint.penalty if joint.penalty else joint.allowed_gap
     jumps = [ties.jump(side) for side in sides]
-    # What is between the surfaces turns with them, with small sliding by small rotations.
+    # The gap vector of a tie rotates with the surfaces, in small sliding by small rotations.
     bound += 0.0 if joint.finite else max(map(ties.second_order, sides, paired))
     if joint.node_by_node:
         count = sides[0].num_vertices
         jump = jumps[0][:count][sides[0].rest.facing[:count]]
         return compare("tie", np.abs(jump).max(axis=1), bound, "jump")
-    # Of a slave that is covered all over, and alone has multipliers, its own points tell.
+    # If the slave is covered completely, and only it has multipliers, its own points are
+    # sufficient.
     alone = not joint.nodal and joint.formulation != "double-pass" and np.all(sides[0].rest.facing)
     found = list(zip(jumps, sides, (1, -1), strict=False))[: 1 if alone else 2]
     jump = np.concatenate([sign * j[s.rest.facing] for j, s, sign in found])

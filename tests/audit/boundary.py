@@ -1,4 +1,4 @@
-"""The boundary of a deformed body, known on all ranks: what is near to what, by NumPy alone."""
+"""The boundary of a deformed body, known on all ranks: find nearby parts, by NumPy alone."""
 
 import dataclasses
 import itertools
@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 from scipy.spatial import cKDTree
 
-#: Corners of the facets of cells, by DOLFINx's numbers.
+#: Corners of the facets of cells, in DOLFINx's numbering.
 FACETS = {
     "triangle": ((1, 2), (0, 2), (0, 1)),
     "quadrilateral": ((0, 1), (0, 2), (1, 3), (2, 3)),
@@ -16,21 +16,21 @@ FACETS = {
     ),
 }  # fmt: skip
 
-#: Barycentric coordinates of samples, by the corners of a simplex.
+#: Barycentric coordinates of samples, for the corners of a simplex.
 SAMPLES = {
     2: np.array([[0.95, 0.05], [0.5, 0.5], [0.05, 0.95]]),
     3: np.array([[0.9, 0.05, 0.05], [0.05, 0.9, 0.05], [0.05, 0.05, 0.9], [1 / 3, 1 / 3, 1 / 3]]),
 }
 
-#: Distance from a facet, over its size, at which the place just outside of it is.
+#: Distance from a facet, over its size, of the test position just outside of it.
 OUTSIDE = 1e-4
 
-#: Distance over the size of a facet at which two facets touch, whatever is between them.
+#: Distance over the size of a facet at which two facets touch, whatever lies between them.
 TOUCH = 1e-3
 
 
 def winding(p, corners):
-    """How often closed simplices (m, d, d) go around points (n, d); an integer but for rounding."""
+    """Return winding numbers of closed simplices (m, d, d) around points (n, d), up to rounding."""
     out = np.zeros(len(p))
     for k in range(0, len(p), 500):
         a = [corners[None, :, i] - p[k : k + 500, None] for i in range(p.shape[1])]
@@ -49,7 +49,7 @@ def winding(p, corners):
 
 
 def closest(p, corners):
-    """Closest points of simplices (n, d, d) to points (n, d), one by one."""
+    """Return the closest points of simplices (n, d, d) to points (n, d), one by one."""
     ends = itertools.combinations(range(p.shape[1]), 2)
     found, least = None, None
     for i, j in ends:
@@ -74,14 +74,14 @@ def closest(p, corners):
 
 @dataclasses.dataclass
 class Near:
-    """What samples of the boundary have nearby.
+    """Parts of the boundary near its sample points.
 
     Attributes:
-        gap: Distance of the nearest other part that is opposite, (samples,); negative within it,
-            infinite if there is none within the reach.
-        inside: Whether the place just outside of the sample is within the body.
-        opposite: Outward normal of what is there, (samples, d); NaN if nothing is.
-        other: Its simplex; -1 if nothing is there.
+        gap: Distance to the nearest other part of opposite orientation, (samples,); negative inside
+            it, infinite if there is none within the search distance.
+        inside: Whether the position just outside of the sample is inside the body.
+        opposite: Outward normal of that part, (samples, d); NaN without such a part.
+        other: Simplex of that part; -1 without such a part.
     """
 
     gap: np.ndarray
@@ -91,13 +91,13 @@ class Near:
 
 
 class Boundary:
-    """Segments or triangles around a body; those of quadrilaterals meet in their middles.
+    """Segments or triangles around a body; those of a quadrilateral meet in its middle.
 
     Args:
-        x: Vertices, (vertices, d), at rest.
+        x: Undeformed vertices, (vertices, d).
         cells: Their corners, (cells, n).
-        cell: Name of the shape of cells.
-        degree: Of the displacements; 2 in 2D alone.
+        cell: Name of the cell shape.
+        degree: Degree of the displacements; 2 only in 2D.
     """
 
     def __init__(self, x, cells, cell, degree=1):
@@ -114,8 +114,8 @@ class Boundary:
         n = self._vectors(x[facets[:, : self.d]])
         turned = np.sum(n * (x[facets].mean(axis=1) - inner), axis=1) < 0
         facets[turned] = facets[turned][:, ::-1]
-        self.facets = facets  # corners alone
-        if facets.shape[1] == 4 or degree == 2:  # nodes in the middles
+        self.facets = facets  # corners only
+        if facets.shape[1] == 4 or degree == 2:  # mid-side nodes
             middle = len(x) + np.arange(len(facets))
             self.middles = facets
             ends = [(i, (i + 1) % 4) for i in range(4)] if facets.shape[1] == 4 else []
@@ -129,14 +129,14 @@ class Boundary:
         else:
             self.middles = np.zeros((0, 1), dtype=int)
             self.simplices, self.facet_of = facets, np.arange(len(facets))
-        #: Nodes with unknowns: the vertices, and those in the middles.
+        #: Nodes with unknowns: the vertices, and the mid-side nodes.
         self.degree = degree
         self.nodes = np.unique(facets)
         if degree == 2:
             self.nodes = np.unique(self.simplices)
         self.samples = SAMPLES[self.d]
         self.sample_simplex = np.repeat(np.arange(len(self.simplices)), len(self.samples))
-        #: Pairs of a node and a simplex of a facet that has it.
+        #: Pairs of a node and a simplex of a facet that contains it.
         by_facet = [facets[self.facet_of]] + [self.simplices] * (degree == 2)
         pairs = np.concatenate(
             [np.stack([c, np.arange(len(c))], axis=1) for b in by_facet for c in b.T]
@@ -150,11 +150,11 @@ class Boundary:
         return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
     def rest_nodes(self):
-        """Where the nodes are at rest, those in the middles after the vertices."""
+        """Return the undeformed nodes, mid-side nodes after the vertices."""
         return np.concatenate([self.rest, self.rest[self.middles].mean(axis=1)])
 
     def move(self, x):
-        """Go to where the vertices and, if they are nodes, the middles are now."""
+        """Move to the current positions of the vertices and, if they are nodes, of the middles."""
         if len(self.middles) and self.degree == 1:
             x = np.concatenate([x[: len(self.rest)], x[self.middles].mean(axis=1)])
         self.x = x
@@ -171,12 +171,12 @@ class Boundary:
             self.turn[parts] = np.maximum(self.turn[parts], spread)
 
     def around(self):
-        """Simplices around each node."""
+        """Return the simplices around each node."""
         pairs = self.node_simplex
         return np.split(pairs[:, 1], np.flatnonzero(np.diff(pairs[:, 0])) + 1)
 
     def near(self, reach):
-        """What the samples have nearby; see :class:`Near`."""
+        """Return the parts near the samples; see :class:`Near`."""
         h = self.size[self.sample_simplex]
         outside = self.points + OUTSIDE * h[:, None] * self.point_normals
         inside = winding(outside, self.corners) >= 1

@@ -1,13 +1,14 @@
-"""Strips, plates and tubes that tools crumple until they touch themselves, and what is wrong then.
+"""Crumple strips, plates and tubes by tools until they are in self-contact, and audit them.
 
     python3 tests/audit/crumple.py --seeds 0:200
     python3 tests/audit/crumple.py --seeds 0:200 --sliding small
     mpirun -n 2 python3 tests/audit/crumple.py --dim 3 --seeds 0:20
 
-After each step, by DOLFINx and NumPy alone: nothing has passed through the body's own parts or the
-tools; forces are where something is nearby opposite, push, and are within the cone of friction;
-they and their moments are balanced by those on the tools; all else is in equilibrium. A scene is
-refused if the library raises an error of its own. Ends with 1 if there are faults.
+The following is checked after each step, with DOLFINx and NumPy alone: no part has passed through
+the body itself or through the tools; forces are only where an opposite surface is near, they push,
+and they are within the cone of friction; the forces and their moments balance those on the tools;
+all other nodes are in equilibrium. A scene counts as refused if the library raises an error of its
+own. Ends with 1 if there are faults.
 """
 
 import argparse
@@ -39,40 +40,40 @@ COMM = MPI.COMM_WORLD
 
 SEED = 71
 
-#: Errors that say what to do.
+#: Errors whose messages say what to do.
 REFUSALS = (qs.ConvergenceError, qs.StepError)
 
-#: Faults that sharp edges between nodes, of which the library warns, explain.
+#: Faults that are explained by sharp edges between nodes, of which the library warns.
 EXPLAINED = ("within itself", "within tool", "force on what is open", "out of the cone")
 
-#: Steps that are cut back, at which a scene is given up.
+#: Number of step cut-backs at which a scene is given up.
 MANY = 6
 
 #: Young's modulus of all bodies.
 E = 100.0
 
-#: Forces, over the modulus times the area of a facet, that are none.
+#: Forces that count as zero, over the modulus times the area of a facet.
 NO_FORCE = 1e-6
 
-#: Depth and distance over the size of facets that are allowed for, and more where facets turn.
+#: Allowed depth and distance over the size of facets, and the addition where facets are rotated.
 DEPTH, PER_TURN = 0.1, 0.25
 
-#: The same of pairs that are kept while bodies move (small sliding): what a step may change.
+#: Factor on these limits for pairs that are kept while bodies move (small sliding) in a step.
 KEPT = 2.0
 
-#: Angles (radians) that forces may be out of the cone of friction.
+#: Angle (radians) by which forces may be outside the cone of friction.
 ANGLE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
 class Tool:
-    """A plane, or a cylinder along the last axis (in 2D a circle), which moves.
+    """A moving plane, or cylinder along the last axis (in 2D a circle).
 
     Attributes:
-        point: Of the plane, or where the cylinder is closest, at the start.
-        normal: Towards the body.
-        velocity: Displacement in the unit of time.
-        radius: Of the cylinder; 0 for a plane.
+        point: A point of the plane, or the closest point of the cylinder, at the start.
+        normal: Normal towards the body.
+        velocity: Displacement per unit of time.
+        radius: Radius of the cylinder; 0 for a plane.
     """
 
     point: tuple[float, ...]
@@ -88,7 +89,7 @@ class Tool:
         return qs.RigidSurface.plane(COMM, x, n)
 
     def distance(self, x, t):
-        """Of points (n, d) from the tool at a time, and its normals there."""
+        """Return distances of points (n, d) from the tool at a time, and its normals there."""
         n, at = np.array(self.normal), np.array(self.point) + t * np.array(self.velocity)
         if not self.radius:
             return (x - at) @ n, np.broadcast_to(n, x.shape)
@@ -101,26 +102,26 @@ class Tool:
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """What is drawn at random. The body's length, or the tube's diameter, is about 1.
+    """Random parameters of a scene. The body's length, or the tube's diameter, is about 1.
 
     Attributes:
-        number: Of the scene.
-        gdim: Of space.
+        number: Number of the scene.
+        gdim: Dimension of space.
         shape: ``"strip"``, ``"plate"`` or ``"tube"``.
         cell: Shape of the cells.
-        degree: Of displacements.
-        n: Cells along, across, and in 3D along the third axis.
-        thickness: Of the wall.
-        waves: Heights and phases of the waves of its middle.
-        turn: Angle by which all is turned in the plane.
-        tools: Around it.
-        steps: Number of them, until the tools have closed.
-        drag: Resistance to motion per volume and velocity.
-        mu: Coefficient of friction with itself and the tools.
-        penalty: Over modulus / size of facets; 0 for the augmented Lagrangian.
+        degree: Degree of the displacements.
+        n: Numbers of cells along, across, and in 3D along the third axis.
+        thickness: Thickness of the wall.
+        waves: Heights and phases of the waves of its middle surface.
+        turn: Angle by which everything is rotated in the plane.
+        tools: Tools around the body.
+        steps: Number of steps until the tools have reached their end positions.
+        drag: Resistance to motion per unit volume and velocity.
+        mu: Coefficient of friction in self-contact and with the tools.
+        penalty: Penalty times size of facets over modulus; 0 for the augmented Lagrangian.
         sliding: ``"small"`` or ``"finite"``.
-        tools_sliding: The same of contact with the tools.
-        held: Velocity, along the strip, with which its ends are brought together; 0: they are free.
+        tools_sliding: The same for contact with the tools.
+        held: Velocity, along the strip, with which its ends approach each other; 0 for free ends.
     """
 
     number: int
@@ -142,7 +143,7 @@ class Scene:
     held: float = 0.0
 
     def arrays(self):
-        """Vertices and cells, on all ranks."""
+        """Return vertices and cells, on all ranks."""
         along, across = self.n[:2]
         s, q = (
             a.ravel()
@@ -203,7 +204,7 @@ class Scene:
 
 
 def random_scene(number, gdim=2, sliding="finite"):
-    """A scene by its number, the same for all ranks and both kinds of sliding."""
+    """Make the scene of a number, the same for all ranks and both kinds of sliding."""
     rng = np.random.default_rng([SEED, gdim, number])
 
     def real(low, high):
@@ -219,7 +220,7 @@ def random_scene(number, gdim=2, sliding="finite"):
         draw = _plate if kind < 0.5 else _tube
     rest = draw(rng, real, t)
     tools = tuple(_turned(tool, turn) for tool in rest.pop("tools"))
-    # As much as what takes the third harmonic to buckle, for all of the length at velocity 1.
+    # About the load at which the third harmonic buckles, over the whole length at velocity 1.
     t = rest["thickness"]
     drag = real(0.3, 1.0) * 9 * np.pi**2 / 12 * E * t**2
     return Scene(
@@ -238,7 +239,7 @@ def _turned(tool, turn):
 
 
 def _box(rng, real, low, high, gdim, round_share=0.3):
-    """Tools around the origin, which go from half sizes (low) to others (high)."""
+    """Make tools around the origin that move from half sizes (low) to other half sizes (high)."""
     out = []
     for axis in range(len(low)):
         for sign in (-1.0, 1.0):
@@ -259,7 +260,7 @@ def _strip(rng, real, t):
     heights = rng.normal(size=harmonics) * 0.12 / np.arange(1, harmonics + 1)
     waves = tuple((float(a), real(0, 2 * np.pi)) for a in heights)
     high = 1.05 * sum(abs(a) for a, _ in waves) + t
-    # The box that is left is filled in part.
+    # The body fills a part of the remaining box.
     half = real(0.12, 0.25)
     height = max(t / (4 * half * real(0.35, 0.6)), 1.2 * t)
     low, last = [0.52 + t, max(high, height)], [half, height]
@@ -272,7 +273,7 @@ def _strip(rng, real, t):
 
 
 def _held_strip(rng, real, t):
-    """Its ends are held where tools do not come, which could not push them out."""
+    """Make a strip with ends fixed outside the range of the tools, which cannot push them out."""
     out = _strip(rng, real, t)
     waves = list(enumerate(out["waves"], 1))
     ends = [abs(sum(a * np.sin(np.pi * k * s + b) for k, (a, b) in waves)) for s in (0, 1)]
@@ -302,7 +303,7 @@ def _ring(rng, real, t):
 
 
 def _plate(rng, real, t):
-    """Bent by a wave and pressed along, until its halves lie on each other."""
+    """Make a plate that is bent by a wave and pressed along, until its halves touch."""
     t *= 1.5
     cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(8, 13))
     waves = ((float(real(0.12, 0.2) * rng.choice([-1, 1])), 0.0), (real(-0.06, 0.06), 0.0))
@@ -314,7 +315,7 @@ def _plate(rng, real, t):
 
 
 def _tube(rng, real, t):
-    """Pressed from two sides, or four, until its walls meet."""
+    """Make a tube that is pressed from two sides, or four, until its walls touch."""
     t *= 1.5
     cell, along = str(rng.choice(["tetrahedron", "hexahedron"])), int(rng.integers(12, 17))
     waves = ((real(0, 0.05), real(0, 6.28)), (real(0, 0.05), real(0, 6.28)))
@@ -328,12 +329,12 @@ def _tube(rng, real, t):
 
 
 class Crumpled:
-    """A scene as the library is to make it.
+    """A scene, set up in the library.
 
     Attributes:
         body: The body.
-        tools: The rigid tools, as the scene's.
-        contacts: With itself, and with each of the tools.
+        tools: The library's rigid tools of the scene.
+        contacts: Self-contact, and contact with each of the tools.
     """
 
     def __init__(self, scene):
@@ -377,7 +378,7 @@ class Crumpled:
             tool.displacement = dt * np.array(own.velocity)
 
     def _hold_ends(self):
-        """Conditions on the first cells' ends and the last ones', by places at rest."""
+        """Make conditions on the ends of the first and last cells, by undeformed positions."""
         self.bcs, self.motion = [], []
         if not self.scene.held:
             return
@@ -396,7 +397,7 @@ class Crumpled:
         self.bcs = self.body.bcs
 
     def steps(self):
-        """Step after step; what is wrong after each."""
+        """Make all steps; yield the faults after each step."""
         for t in self.stepper.run(1.0):
             yield self.audit(t)
             self.before.x.array[:] = self.body.u.x.array
@@ -426,7 +427,7 @@ class Crumpled:
         return np.concatenate(COMM.allgather(np.asarray(values)))
 
     def audit(self, t):
-        """What is wrong at the end of a step; the same on all ranks. Collective."""
+        """Return the faults at the end of a step; the same on all ranks. Collective."""
         body, boundary, scene, d = self.body, self.boundary, self.scene, self.scene.gdim
         x = self._gather(body.places)
         b = fem.assemble_vector(self.form)
@@ -464,7 +465,7 @@ class Crumpled:
         return out + self._forces(forces, gap, opposite, allowed, unit)
 
     def _balance(self, x, f, unit):
-        """Forces on the body are minus those on the tools, and so are moments."""
+        """Check that forces on the body balance those on the tools, and moments likewise."""
         d, bound = self.scene.gdim, NO_FORCE * unit * len(f)
         on_tools, twist = np.zeros(d), np.zeros(1 if d == 2 else 3)
         for contact in self.contacts[1:]:
@@ -472,12 +473,12 @@ class Crumpled:
             twist += contact.moment("master", np.zeros(d))
         out = compare("balance", np.abs(f.sum(axis=0) + on_tools), bound)
         own = x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0] if d == 2 else np.cross(x, f)
-        if "small" in (self.scene.sliding, self.scene.tools_sliding):  # what has slid, and turned
+        if "small" in (self.scene.sliding, self.scene.tools_sliding):  # slid or rotated pairs
             bound += 0.1 * unit * self.scene.thickness
         return out + compare("moments", np.abs(own.sum(axis=0) + twist), bound)
 
     def _forces(self, forces, gap, opposite, allowed, unit):
-        """Forces have something opposite, and push."""
+        """Check that forces have an opposite surface, and push."""
         boundary, out = self.boundary, []
         per = len(boundary.samples)
         count = len(boundary.simplices)
@@ -492,15 +493,16 @@ class Crumpled:
             open_by = (gap[parts] - allowed[parts]).min()
             place = f"node {node} at {np.round(boundary.x[node], 4)}, force {f}"
             if open_by > 0:
-                out.append(f"force on what is open by {open_by:.3g} more than it may: {place}")
+                out.append(f"force on what is open by {open_by:.3g} more than allowed: {place}")
                 continue
-            if boundary.degree == 2:  # functions of nodes have either sign
+            if boundary.degree == 2:  # nodal functions have either sign
                 continue
             there = opposite[parts].reshape(-1, len(f))
             there = there[~np.isnan(there[:, 0])]
-            # Friction at an edge may point out of all its facets, but not out of what pushes.
+            # Friction at an edge may pull on all of its facets, but is within the cone of what
+            # pushes.
             is_pushed = np.any(np.arccos(np.clip(there @ f / size, -1, 1)) <= angle)
-            if not is_pushed and len(there):  # nor out of what several push with together
+            if not is_pushed and len(there):  # or of several surfaces that push together
                 parts_of, rest = nnls(there.T, f)
                 is_pushed = rest <= np.tan(angle) * parts_of.sum()
             push = (boundary.normals[parts] @ f).min() / size
@@ -515,7 +517,7 @@ class Crumpled:
 
 
 def compare(name, values, bounds):
-    """A fault if any value is above its bound, or is no number."""
+    """Return a fault if any value is above its bound, or is not a number."""
     values = np.atleast_1d(values)
     bounds = np.broadcast_to(bounds, values.shape)
     wrong = ~(values <= bounds)
@@ -527,15 +529,15 @@ def compare(name, values, bounds):
 
 @dataclasses.dataclass
 class Outcome:
-    """What became of a scene.
+    """Outcome of a scene.
 
     Attributes:
-        faults: Each with its step.
-        refused: The library's error.
-        steps: How many went through.
-        warned: Whether the library has warned of what edges do between nodes.
-        touching: In how many of them the body pressed on itself.
-        seconds: Wall time.
+        faults: Faults, each with its step.
+        refused: Error raised by the library.
+        steps: Number of completed steps.
+        warned: Whether the library has warned of sharp edges between nodes.
+        touching: Number of steps with forces of self-contact.
+        seconds: Wall-clock time.
     """
 
     faults: list[str] = dataclasses.field(default_factory=list)
@@ -554,7 +556,7 @@ class Outcome:
 
 
 def run_scene(scene):
-    """Crumple and audit. Collective."""
+    """Run and audit one scene. Collective."""
     out, start, crumpled = Outcome(), time.perf_counter(), None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", qs.ContactWarning)
@@ -581,10 +583,10 @@ def run_scene(scene):
 
 
 def run(numbers, gdim=2, sliding="finite", report=None, verbose=False):
-    """Scenes one after another; counts by word, and in how many the body touched itself."""
+    """Run scenes one after another; count their outcomes, and the scenes with self-contact."""
     counts = {"good": 0, "refused": 0, "warned": 0, "FAULT": 0, "touching": 0}
     for i, number in enumerate(numbers):
-        if i % 10 == 0:  # on all ranks at once: see tests/conftest.py
+        if i % 10 == 0:  # on all ranks at the same time: see tests/conftest.py
             gc.collect()
         scene = random_scene(number, gdim, sliding)
         outcome = run_scene(scene)
@@ -604,10 +606,10 @@ def report(text):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=numbers_of, default=range(20), help="first:last, or 3,7")
+    parser.add_argument("--seeds", type=numbers_of, default=range(20), help="first:last or 3,7")
     parser.add_argument("--dim", type=int, choices=(2, 3), default=2)
     parser.add_argument("--sliding", choices=("finite", "small"), default="finite")
-    parser.add_argument("--verbose", action="store_true", help="those without faults as well")
+    parser.add_argument("--verbose", action="store_true", help="print scenes without faults, too")
     args = parser.parse_args()
     start = time.perf_counter()
     counts = run(args.seeds, args.dim, args.sliding, report, args.verbose)

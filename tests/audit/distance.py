@@ -1,4 +1,4 @@
-"""Distances between deformed surfaces, or to rigid tools, by brute force over all facets."""
+"""Find distances between deformed surfaces, or to rigid tools, by brute force over all facets."""
 
 import dataclasses
 import typing
@@ -7,7 +7,7 @@ import numpy as np
 from audit.state import cross_product
 from fuzz.brute import closest, dot, unit
 
-#: Distances count as equal up to this part of the size of a facet.
+#: Distances count as equal up to this fraction of the facet size.
 SAME = 1e-9
 
 #: Angle between the line to the closest point and the normal, as a tangent, beyond which the point
@@ -17,15 +17,15 @@ BESIDE = 0.3
 
 @dataclasses.dataclass
 class Found:
-    """The closest points of an opponent to some points.
+    """Closest points of an opponent to given points.
 
     Attributes:
-        distance: Signed, positive if apart, shape (points,).
-        facing: Whether the point is in front of the opponent or in it, and not beside it.
-        normal: Outward normal of the opponent there, shape (points, 3).
-        nodes: Nodes of the opponent's piece, or of its quadrilateral; None of a tool.
+        distance: Signed distance, positive if apart, shape (points,).
+        facing: Whether the point is in front of the opponent or inside it, and not beside it.
+        normal: Outward normal of the opponent at the closest point, shape (points, 3).
+        nodes: Nodes of the opponent's segment, triangle or quadrilateral; None for a tool.
         weights: Their shape functions at the closest point.
-        points: The points themselves; of a tool that turns.
+        points: The given points; only for a tool that rotates.
     """
 
     distance: np.ndarray
@@ -40,11 +40,11 @@ class Meshed:
     """A surface of a body; see :class:`Tool`.
 
     Args:
-        body: Its state.
-        surface: That of the surface.
+        body: State of the body.
+        surface: State of the surface.
     """
 
-    #: Whether it is a tool's.
+    #: Whether the surface belongs to a tool.
     rigid = False
 
     def __init__(self, body, surface):
@@ -52,11 +52,11 @@ class Meshed:
         self.at_rest, self.deformed = body.x[surface.pieces], (body.x + body.u)[surface.pieces]
 
     def normals(self, corners):
-        """Outward unit normals of the pieces, whose corners are given."""
+        """Return outward unit normals of the segments or triangles with these corners."""
         return unit(cross_product(corners)) * self.surface.sign[:, None]
 
     def find(self, points, deformed=True):
-        """The closest points, where the surface is now or where it was meshed."""
+        """Find the closest points, on the deformed or on the undeformed surface."""
         corners = self.deformed if deformed else self.at_rest
         normals = self.normals(corners)
         size = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2).max()
@@ -64,7 +64,7 @@ class Meshed:
         away = points[:, None] - q
         length = np.linalg.norm(away, axis=2)
         pick, rows = np.argmin(length, axis=1), np.arange(len(points))
-        # On an edge or a vertex the normals of all pieces there.
+        # On an edge or a vertex, use the normals of all facets there.
         equal = length <= length[rows, pick][:, None] + SAME * size
         normal = unit(equal.astype(float) @ normals)
         steepest = np.abs(np.where(equal, np.sum(away * normals, axis=2), 0.0)).max(axis=1)
@@ -80,7 +80,7 @@ class Meshed:
             steepest = np.maximum(steepest * ~inside, np.abs(dot(offset, across)))
         else:
             weights = barycentric(corners[pick], q[rows, pick])
-        # At an edge that sticks out the line is between its normals, and no normal itself.
+        # At a convex edge the line is between the normals of the facets, and equals none of them.
         beside = np.sqrt(np.maximum(dot(offset, offset) - steepest**2, 0.0))
         facing = beside <= BESIDE * steepest + SAME * size
         distance = np.where(dot(offset, normal) < 0, -1, 1) * np.linalg.norm(offset, axis=1)
@@ -88,20 +88,20 @@ class Meshed:
 
     @property
     def is_bilinear(self):
-        """Whether facets are quadrilaterals with nodes at their vertices alone, and may be warped.
+        """Whether facets are quadrilaterals with nodes only at their vertices, and may be warped.
 
-        Displacements of degree 2 are taken as of degree 1 between the nodes.
+        Displacements of degree 2 are treated as of degree 1 between the nodes.
         """
         surface = self.surface
         return surface.facets.shape[1] == 4 and len(surface.nodes) == len(surface.vertices)
 
     def displacement(self, found):
-        """Of the closest points."""
+        """Return the displacement of the closest points."""
         return np.einsum("pi,pij->pj", found.weights, self.body.u[found.nodes])
 
 
 def barycentric(corners, points):
-    """Shape functions of intervals or triangles at points on them."""
+    """Return shape functions of intervals or triangles at points on them."""
     edges = corners[:, 1:] - corners[:, :1]
     gram = np.einsum("pix,pjx->pij", edges, edges)
     right = np.einsum("pix,px->pi", edges, points - corners[:, 0])
@@ -110,9 +110,10 @@ def barycentric(corners, points):
 
 
 def closest_bilinear(corners, points):
-    """Shape functions and normals of quadrilaterals at their points closest to these.
+    """Return shape functions and normals of quadrilaterals at their closest points to given points.
 
-    By Gauss & Newton, and then along one coordinate after the other, which ends on edges as well.
+    By the Gauss-Newton method, then along one coordinate after the other, which also converges on
+    edges.
     """
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     c, p = corners[:, 3] - corners[:, 0] - a - b, points - corners[:, 0]
@@ -141,7 +142,7 @@ class Tool:
     rigid: typing.ClassVar[bool] = True
 
     def find(self, points, deformed=True):
-        """The closest points, where the tool is now or where it was made."""
+        """Find the closest points, for the present or the initial position of the tool."""
         away = points - self.point - (self.shift if deformed else 0.0)
         every = np.ones(len(points), dtype=bool)
         if self.radius is None:
@@ -150,5 +151,5 @@ class Tool:
         return Found(np.linalg.norm(away, axis=1) - self.radius, every, unit(away))
 
     def displacement(self, found):
-        """Of the closest points."""
+        """Return the displacement of the closest points."""
         return np.broadcast_to(self.shift, found.normal.shape)

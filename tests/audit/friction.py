@@ -1,21 +1,21 @@
-"""Coulomb's law over a step: what slips does so against its friction, what sticks does not move."""
+"""Audit Coulomb's law over a step: slip is opposite to friction, and sticking nodes do not move."""
 
 import dataclasses
 
 import numpy as np
 
-#: Part of μ N below which a node sticks for sure.
+#: Fraction of μ N below which a node sticks for certain.
 STICKS = 0.9
 
 
 @dataclasses.dataclass
 class Memory:
-    """At the slave's vertices after a step.
+    """State at the slave's vertices after a step.
 
     Attributes:
-        jump: Displacement over that of what they face, shape (vertices, 3).
+        jump: Displacement relative to the opposite surface, shape (vertices, 3).
         friction: Tangential force, shape (vertices, 3).
-        pushed: Force along the normal, positive if it pushes.
+        pushed: Normal force, positive if it pushes.
     """
 
     jump: np.ndarray
@@ -24,26 +24,27 @@ class Memory:
 
 
 def read_memory(sides):
-    """What a step ends with."""
+    """Return the state at the end of a step."""
     side = sides[0]
     n = side.num_vertices
     return Memory(side.jump[:n], side.tangential, -side.pull)
 
 
 def faults(joint, sides, before, now, tolerance, angle=0.0):
-    """Check, excess and text of what is wrong with the direction of friction on the slave.
+    """Return check, excess and text of each fault in the direction of friction on the slave.
 
-    The slip of a step is what is left of the movement when the elastic stick of a penalty has been
-    taken away. Gaps and slips are means over a node's facets, so that no more is known of them than
-    how much they vary there. What closes in a step slips from then on.
+    The slip of a step is the relative motion without the elastic stick of a penalty. Gaps and slips
+    are means over a node's facets, so that they are known only up to their variation over these
+    facets. A node that comes into contact in the step slips from then on.
 
     Args:
         joint: The contact.
-        sides: Its sides, slave first.
-        before: Memory of the step before.
-        now: Memory of this one.
-        tolerance: Force that is none.
-        angle: By which tangent planes have turned between the two (radians), and friction in them.
+        sides: Sides of the contact, slave first.
+        before: State after the previous step.
+        now: State after this step.
+        tolerance: Largest force that counts as zero.
+        angle: Angle of rotation of tangent planes, and of the friction in them, between the two
+            states (radians).
     """
     side = sides[0]
     if before is None:
@@ -54,18 +55,18 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
     if joint.penalty and not joint.viscous:
         change = now.friction - before.friction
         moved = moved + change / (joint.penalty * side.area)[:, None]
-        # What is elastic, across and along, turns with the bodies.
+        # Elastic deformation of the penalty, normal and tangential, rotates with the bodies.
         force = np.hypot(np.linalg.norm(before.friction, axis=1), before.pushed)
         turned = angle * force / (joint.penalty * side.area)
     x = side.points[: side.num_vertices]
-    # Nodes that are covered in part have means over that part, and a stiffness of their own.
+    # Nodes that are covered in part have means over the covered part, and a separate stiffness.
     patch = np.linalg.norm(x[:, None] - side.points, axis=2) <= side.size
     facing = np.all(side.rest.facing | ~patch, axis=1)
     reach = 0.0 if joint.node_by_node else 2 * sum(s.size for s in sides)
     near = np.linalg.norm(x[:, None] - x, axis=2) <= reach
     apart = np.linalg.norm(moved[:, None] - moved, axis=2)
     spread = np.where(near, apart, 0.0).max(axis=1)
-    # Means of what is apart by initial gaps along normals that are not parallel.
+    # Error of the means over surfaces at a distance whose normals are not parallel.
     spread = spread + side.turn * np.linalg.norm(now.jump - before.jump, axis=1)
     spread = spread + turned + 1e-6 * np.abs(now.jump).max(initial=0.0)
     closing = near_closing(side, before, now, near, tolerance)
@@ -78,7 +79,7 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
     slip = np.linalg.norm(moved, axis=1)
     out = []
     moves = slip > 1e-6 * side.size
-    # Friction at a vertex may be the normal force of a facet beside it.
+    # Friction at a vertex may be the normal force of an adjacent facet.
     slipping = free & big & load & (size > 1.2 * tilt) & moves & (slip > 3 * spread)
     work = np.sum(now.friction * moved, axis=1)
     wrong = slipping & (work > -0.5 * size * slip)
@@ -86,7 +87,7 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
         worst = np.max((work / (size * slip))[wrong])
         out.append(("direction", 1 + float(worst), f"{wrong.sum()} nodes slip along friction"))
     below = size + tilt < STICKS * limit
-    # Tresca's friction acts where neighbours press, and is lost where it does not let a node rest.
+    # Tresca's friction acts where neighbours press, and is lost where it does not stop a node.
     below = below & load & big if joint.shear else below | ~load
     sticking = free & load & np.all(below | ~near, axis=1) & below & (not joint.viscous)
     wrong = sticking & moves & (slip > 2 * spread)
@@ -97,7 +98,7 @@ def faults(joint, sides, before, now, tolerance, angle=0.0):
 
 
 def near_closing(side, before, now, near, tolerance):
-    """Vertices near one that has closed in the step: its slip counts from when it did, only."""
+    """Return vertices near a new contact: in this step, their slip began only at contact onset."""
     n = side.num_vertices
     gap = side.rest.distance[:n] - np.sum(before.jump * side.normal, axis=1)
     was_open = (before.pushed <= 1e4 * tolerance) & (gap > 1e-6 * side.size)
@@ -105,14 +106,14 @@ def near_closing(side, before, now, near, tolerance):
 
 
 def energy(joint, sides, before, now, tolerance, means=False):
-    """Check, excess and text of what is wrong with the energy that friction took in a step.
+    """Return check, excess and text of each fault in the frictional energy of a step.
 
-    It is the work Σ F · Δx of the tangential forces, of bodies in displacements with a force from
-    that of the start of the step to that of its end. Slips are means over a node's facets, so that
-    it is known as far as they do not vary there; of nodes that conditions hold, or that close or
-    leave in the step, no more is known than that the largest force on all of the way takes more.
-    Forces that are means over the step, of bodies in velocities (``means``), work on the way before
-    nodes close as well, which may be the other one.
+    The energy is the work Σ F · Δx of the tangential forces. For displacement-based bodies, F is
+    between the forces at the start and at the end of the step. Slips are means over a node's
+    facets, so that the energy is known up to their variation there. For nodes that conditions hold,
+    or that come into contact or separate in the step, only an upper bound is known: the largest
+    force over the whole path. Forces of velocity-based bodies are means over the step (``means``).
+    They also act on the path before nodes come into contact, which may have the opposite direction.
     """
     side = sides[0]
     moved = now.jump - before.jump
@@ -137,7 +138,7 @@ def energy(joint, sides, before, now, tolerance, means=False):
     slips = at_end > 0.999 * joint.friction_limit(side.area, now.pushed)
     sure = slips & (at_start > 0) & ~held & (now.pushed > 1e4 * tolerance)
     limit = joint.friction_limit(side.area, np.minimum(now.pushed, before.pushed))
-    # Without what is the normal force of facets beside; pushed by which it may be as much.
+    # Without the normal force of adjacent facets, which may contribute as much when pushed.
     least = np.minimum(np.minimum(at_end, at_start), limit) - side.tilt_at_rest * now.pushed
     least = np.where(sure, np.maximum(least, 0.0) * (way - 2 * spread - elastic), 0.0)
     least = float(np.sum(np.maximum(least, 0.0)))
@@ -148,18 +149,18 @@ def energy(joint, sides, before, now, tolerance, means=False):
 
 
 def held_faults(joint, sides, reading, area, before, tolerance):
-    """Check, excess and text of wrong friction at the slave's nodes that conditions hold or move.
+    """Return check, excess and text of wrong friction at slave nodes with Dirichlet conditions.
 
-    Reactions are in the bodies' own forces there, so that friction is what the library says it to
-    be: that its traction is all that acts there is seen at the other nodes.
+    There, the bodies' own forces include reactions, so that friction is taken from the library.
+    That its traction is the complete force is checked at the other nodes.
 
     Args:
         joint: The contact, with Coulomb's friction.
-        sides: Its sides, slave first.
-        reading: Of the slave.
-        area: Of its vertices, that tractions stand for.
-        before: Memory of the step before.
-        tolerance: Force that is none.
+        sides: Sides of the contact, slave first.
+        reading: Results of the library on the slave.
+        area: Areas of its vertices for the tractions.
+        before: State after the previous step.
+        tolerance: Largest force that counts as zero.
     """
     side = sides[0]
     now = read_memory(sides)
@@ -181,14 +182,14 @@ def held_faults(joint, sides, reading, area, before, tolerance):
     sure = held & (pushed > 1e4 * tolerance) & (way > 3 * spread + elastic + 1e-6 * side.size)
     sure &= ~near_closing(side, before, now, near, tolerance)
     along = np.sum(force * moved, axis=1) > -0.5 * size * way
-    # Limits of points, and of the other side's nodes, are those of pressures near.
+    # Limits at quadrature points, and at nodes of the other side, come from pressures nearby.
     alone = joint.node_by_node or (joint.formulation == "master-slave" and not joint.at_points)
     little = (size < STICKS * limit - tilt) if alone else size < 1e3 * tolerance
     wrong = sure & (along | little)
     out = []
     if np.any(wrong):
         out.append(("held", 2.0, f"{wrong.sum()} nodes that are moved slip without their friction"))
-    # What has never moved has no friction of its own: a plane of symmetry.
+    # A component that has never moved has no friction of its own: a plane of symmetry.
     rests = np.abs(now.jump).max(axis=1) <= 1e-9 * side.size
     fixed = np.where(side.held & rests[:, None] & held[:, None], np.abs(force), 0.0)
     fixed[:, side.gdim :] = 0.0

@@ -1,4 +1,4 @@
-"""Random histories for the auditor: a history follows from its number, on any number of ranks."""
+"""Random histories for the auditor: the number of a history defines it, on any number of ranks."""
 
 import dataclasses
 import typing
@@ -8,19 +8,19 @@ from scenes import PARTITIONS
 
 SEED = 21
 
-#: Materials whose unknown is the velocity.
+#: Materials of velocity-based bodies.
 FLOWS = ("viscous", "mini")
 
 
 class Waypoint(typing.NamedTuple):
-    """Where the upper end, a body's or a tool, is to be at a time.
+    """Position of the upper end, of a body or a tool, at a time.
 
     Attributes:
-        down: How far it has come down, as a part of the depth.
-        along: How far it has slid, as a part of the slide.
-        turned: How far it has turned, as a part of the turn.
-        carried: How far all has turned together, as a part of the carry.
-        pushed: Force of a driven tool, as a part of that.
+        down: Downward displacement, as a fraction of the depth.
+        along: Sliding displacement, as a fraction of the slide.
+        turned: Rotation, as a fraction of the turn.
+        carried: Common rotation of everything, as a fraction of the carry.
+        pushed: Force of a force-controlled tool, as a fraction of its largest force.
     """
 
     down: float = 0.0
@@ -32,41 +32,42 @@ class Waypoint(typing.NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class History:
-    """What is drawn at random; lengths are parts of ``L``.
+    """Random parameters of a history; lengths are multiples of ``L``.
 
     Attributes:
-        number: Of the history.
-        gdim: Of space.
-        cells: Shapes of the cells, of the lower body and the upper one.
-        n: Cells of the two along each axis.
-        degree: Of displacements.
+        number: Number of the history.
+        gdim: Dimension of space.
+        cells: Cell shapes of the lower and the upper body.
+        n: Numbers of cells of the two along each axis.
+        degree: Degree of the displacements.
         materials: ``"elastic"``, ``"neo"`` (neo-Hookean), ``"viscous"`` or ``"mini"`` (Norton-Hoff)
-            of the lower body and the upper one; or for that the shape of a rigid tool.
-        driven: Whether the tool is driven by a force.
+            for the lower and the upper body; for the upper body also the shape of a rigid tool.
+        driven: Whether the tool is force-controlled.
         swapped: Whether the lower body is the slave.
-        curvature: Of the upper body's lower face, over 1 / L; radius of a sphere.
+        curvature: Curvature of the lower face of the upper body, or of the sphere, in units of 1 /
+            L.
         wave: Height of waves on both faces.
-        gap: Between them at first.
-        depth: How far the upper end comes down beyond the gap.
-        slide: How far it slides.
-        turn: Angle of turns, radians.
-        carry: Angle by which all turns.
-        axis: Of turns.
-        ratio: Modulus of the upper body over that of the lower one.
+        gap: Initial gap.
+        depth: Downward displacement of the upper end beyond the gap.
+        slide: Sliding distance of the upper end.
+        turn: Angle of the rotation of the upper end, radians.
+        carry: Angle of the common rotation of everything.
+        axis: Axis of the rotation of the upper end.
+        ratio: Modulus of the upper body over the modulus of the lower body.
         nu: Poisson's ratio of both.
-        m: Sensitivity of Norton-Hoff bodies.
-        words: What happens, step by step.
+        m: Rate sensitivity of Norton-Hoff bodies.
+        words: Events, step by step.
         path: Waypoints, one for each unit of time, from t = 1 on.
         tied: Whether the bodies are tied.
         friction: ``""``, ``"coulomb"``, ``"tresca"`` or ``"norton"``.
-        mu: Of Coulomb's law; for the others a part of the modulus.
-        stiff: Penalty over modulus of the lower body / L; None if automatic.
-        options: For the contact.
-        stepping: For the stepper.
-        solver: By name.
-        refused: Step whose first attempt is refused; 0 for none.
+        mu: Coefficient of Coulomb's law; for the other laws a fraction of the modulus.
+        stiff: Penalty over modulus of the lower body / L; None for the automatic penalty.
+        options: Options of the contact.
+        stepping: Options of the stepper.
+        solver: Name of the solver.
+        refused: Step whose first attempt is made to fail; 0 for none.
         restarted: Unit of time after which the history is saved and continued; 0 for none.
-        partitions: Of the two meshes.
+        partitions: Partitions of the two meshes.
         E: Modulus of the lower body.
         L: Unit of length.
     """
@@ -111,7 +112,7 @@ class History:
 
     @property
     def flows(self):
-        """Whether the unknown of each body is a velocity."""
+        """Whether each body is velocity-based."""
         return [m in FLOWS for m in self.materials[: 1 if self.has_tool else 2]]
 
     def __str__(self):
@@ -133,7 +134,7 @@ TOOLS = ("plane", "sphere", "facets")
 
 
 def random_history(number, units=False):
-    """History of this number; with odd units or with some near 1."""
+    """Make the history of a number; with unusual units or with units near 1."""
     rng = np.random.default_rng([SEED, number])
     gdim = int(rng.choice([2, 2, 3]))
     simplices, others = [("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")][gdim - 2]
@@ -216,7 +217,7 @@ def random_history(number, units=False):
 
 
 def gap_of(rng, tied, driven, number):
-    """Between the bodies at first: ties reach across wide ones."""
+    """Return the initial gap between the bodies: ties reach across wide gaps."""
     if not tied:
         return 0.0 if driven else float(rng.choice([0.0, 0.0, 0.003, 0.01]))
     other = np.random.default_rng([SEED, number, 1])
@@ -224,7 +225,7 @@ def gap_of(rng, tied, driven, number):
 
 
 def random_path(rng, stays, driven, may_be_carried):
-    """Words and waypoints of 3 to 8 steps; ``stays`` if contact is not to be lost."""
+    """Return words and waypoints of 3 to 8 steps; ``stays`` if contact is to be kept."""
     at, words, path = Waypoint(), [], []
     count = int(rng.integers(3, 9)) if rng.random() < 0.3 else int(rng.integers(3, 6))
     for i in range(count):

@@ -1,4 +1,4 @@
-"""The nodes of a body, whose mesh may move and whose unknown may have pressures beside it."""
+"""Nodes of a body whose mesh may move and whose unknown may include pressures."""
 
 import numpy as np
 from audit.state import everywhere, padded
@@ -10,11 +10,11 @@ import qsdolfinx as qs
 
 
 class Nodes:
-    """Nodes of a body's displacements or velocities.
+    """Nodes of the displacements or velocities of a body.
 
     Args:
-        u: The unknown; of a mixed space the first field counts.
-        mixed: Whether it is of one.
+        u: Unknown; of a mixed space the first field is used.
+        mixed: Whether it is in a mixed space.
     """
 
     def __init__(self, u, mixed=False):
@@ -25,9 +25,9 @@ class Nodes:
         self.owned = self.V.dofmap.index_map.size_local
         layout, topology = self.V.dofmap.dof_layout, basix.topology(W.mesh.basix_cell())
         corners = [layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))]
-        #: Numbers of the vertices within a cell.
+        #: Indices of the vertices within a cell.
         self.corners = corners
-        #: Nodes that are no vertices, within a cell: their number and the vertices around.
+        #: Nodes within a cell that are not vertices: their number and the vertices around.
         self._others = [
             (d, [corners[v] for v in vertices])
             for dim in range(1, len(topology))
@@ -36,7 +36,7 @@ class Nodes:
         ]
 
     def places(self):
-        """Where they are on the mesh as it is, cells being straight; (nodes on this rank, 3)."""
+        """Return the node positions on the present straight mesh; (nodes on this rank, 3)."""
         cells, geometry = self.V.dofmap.list, self.V.mesh.geometry
         index_map = self.V.dofmap.index_map
         x = np.zeros((self.owned + index_map.num_ghosts, 3))
@@ -44,26 +44,26 @@ class Nodes:
         return self.straight(x)
 
     def straight(self, x):
-        """Places with those that are no vertices moved to the middle of the vertices around."""
+        """Return positions with non-vertex nodes moved to the mean of the surrounding vertices."""
         x, cells = x.copy(), self.V.dofmap.list
         for d, around in self._others:
             x[cells[:, d]] = x[cells[:, around]].mean(axis=1)
         return x
 
     def values(self, array):
-        """Values of the field in an array of all unknowns, shape (nodes on this rank, 3)."""
+        """Return the field in an array of all unknowns, shape (nodes on this rank, 3)."""
         return padded(array[self.dofs].reshape(-1, self.gdim))
 
     def set(self, f, values):
-        """Give a function of the collapsed space these values at the nodes."""
+        """Set a function of the collapsed space to values at the nodes."""
         f.x.array[:] = values[:, : self.gdim].ravel()
 
     def gather(self, values):
-        """Of all ranks, on every rank. Collective."""
+        """Gather the values of all ranks on every rank. Collective."""
         return everywhere(self.comm, values[: self.owned])
 
     def residual(self, F):
-        """F assembled: at the nodes, shape (nodes, 3), and at other unknowns. Collective."""
+        """Assemble F: at the nodes, shape (nodes, 3), and at other unknowns. Collective."""
         self.u.x.scatter_forward()
         b = fem.assemble_vector(F)
         b.scatter_reverse(la.InsertMode.add)
@@ -74,7 +74,7 @@ class Nodes:
         return self.gather(self.values(b.array)), everywhere(self.comm, b.array[rest])
 
     def held(self, bcs):
-        """Components with conditions, those that there are not in 2D included. Collective."""
+        """Return components with conditions, also those that do not exist in 2D. Collective."""
         held = np.zeros(len(self.u.x.array), dtype=bool)
         for bc in bcs:
             held[bc.dof_indices()[0]] = True

@@ -1,4 +1,4 @@
-"""A history as the library is to make it: bodies, tool, contact, problem and stepper."""
+"""Set up a history in the library: bodies, tool, contact, problem and stepper."""
 
 import numpy as np
 from audit.histories import FLOWS
@@ -17,9 +17,10 @@ class Actor:
     """A body of a history.
 
     Args:
-        material: Its name.
-        body: The body, for displacements or as many velocities; None for one with pressures.
-        V: Of surfaces.
+        material: Name of the material.
+        body: The library's body, for displacements or as many velocities; None for a body with
+            pressures.
+        V: Function space of surfaces.
         F: Residual.
         u: Unknown.
     """
@@ -32,7 +33,7 @@ class Actor:
         self.bcs: list = []
 
     def hold(self, facets):
-        """Hold all components at a Function's values, which is returned."""
+        """Prescribe all components by a Function, and return it."""
         value, fdim = fem.Function(self.nodes.V), self.body.gdim - 1
         if self.material == "mini":
             W = self.u.function_space.sub(0)
@@ -45,10 +46,10 @@ class Actor:
 
 
 class Play:
-    """A history's bodies, contact, problem and stepper.
+    """Bodies, contact, problem and stepper of a history.
 
     The lower body has its base at z = -1, the upper one, less wide, stands on z = 0 with its top at
-    z = 0.8; z is y in 2D. What happens in attempts is written down in lists.
+    z = 0.8; z is y in 2D. The attempts of steps are recorded in lists.
     """
 
     def __init__(self, history):
@@ -80,10 +81,10 @@ class Play:
         self.tool_paired: list = []
         self.assembled: list = []
 
-    # --- Making
+    # --- Construction
 
     def block(self, i, bottom, top, low, high):
-        """Body number i; its contact face is at z = 0."""
+        """Make body number i; its contact face is at z = 0."""
         history, L, up = self.history, self.L, self.up
         corners = [low] * up + [bottom], [high] * up + [top]
         msh = box(WORLD, history.n[i], history.cells[i], *corners, history.partitions[i])
@@ -113,7 +114,7 @@ class Play:
         return actor
 
     def make_tool(self):
-        """The rigid tool above z = 0, the library's and the auditor's."""
+        """Make the rigid tool above z = 0, for the library and for the auditor."""
         history, L, gdim, up = self.history, self.L, self.history.gdim, self.up
         at = np.zeros(3)
         at[:up], at[up] = 0.45 * L, history.gap * L
@@ -165,27 +166,27 @@ class Play:
         self.softest = softest
         return qs.Contact(ends[0][0], master, law=law, **options)
 
-    # --- Moving
+    # --- Motion
 
     def waypoint(self, t):
-        """Between the waypoints of the path."""
+        """Interpolate between the waypoints of the path."""
         path = np.array([[0, 0, 0, 0, self.history.path[0].pushed], *self.history.path])
         return [np.interp(t, np.arange(len(path)), column) for column in path.T]
 
     def carry(self, t):
-        """What all has been turned by."""
+        """Return the common rotation of all bodies."""
         angle = self.waypoint(t)[3] * self.history.carry
         axis = np.array([0.0, 0.0, 1.0]) if self.up == 1 else np.array([0.6, 0.0, 0.8])
         return Motion.about(angle * axis, np.zeros(3))
 
     def motion(self, i, t):
-        """What the end of body i has done, or the tool."""
+        """Return the motion of the end of body i, or of the tool."""
         if i == 0:
             return self.carry(t)
         history = self.history
         down, along, turned, _, _ = self.waypoint(t)
         shift = np.zeros(3)
-        # The gap is closed on the way to where nothing is open; ties reach across it.
+        # The gap is closed on the way to the first contact; ties reach across it.
         gap = 0.0 if history.tied else history.gap
         shift[self.up] = -(down * history.depth + gap * min(max(down, 0.0) * 2, 1)) * self.L
         shift[0] = along * history.slide * self.L
@@ -193,7 +194,7 @@ class Play:
         return self.carry(t).after(turn)
 
     def force(self, t):
-        """With which the tool is driven down."""
+        """Return the downward force on the tool."""
         history = self.history
         size = self.softest * history.depth * (0.5 * self.L) ** self.up
         return size * self.waypoint(t)[4]
@@ -235,7 +236,7 @@ class Play:
             raise qs.ConvergenceError(-3, [1.0], [])
 
     def read(self):
-        """What the bodies exert, while meshes are where it was solved for."""
+        """Record the forces of the bodies on the meshes of the solve."""
         self.assembled = [
             (a.nodes.gather(a.nodes.places()), *a.nodes.residual(form))
             for a, form in zip(self.actors, self.forms, strict=True)
@@ -243,7 +244,7 @@ class Play:
 
 
 def tool_facets(gdim, L, curvature, gap):
-    """A curved face, that looks down, of segments or triangles: vertices and facets."""
+    """Mesh a curved face, normals down, of segments or triangles: vertices and facets."""
     line = np.linspace(-0.6, 1.5, 8 if gdim == 2 else 6)
     if gdim == 2:
         x = np.stack([line, gap + 0.5 * curvature * (line - 0.45) ** 2, 0 * line], axis=1)
@@ -260,7 +261,7 @@ def tool_facets(gdim, L, curvature, gap):
 
 
 def outward_signs(x, facets, up):
-    """By which normals of the facets in the order of their vertices point down."""
+    """Return signs that make the facet normals, in the order of their vertices, point down."""
     corners = x[facets]
     if up == 1:
         t = corners[:, 1] - corners[:, 0]

@@ -1,4 +1,4 @@
-"""What the library says of a contact, against the bodies' own forces where they are known."""
+"""Compare the library's results on a contact with the bodies' own forces, where these are known."""
 
 import dataclasses
 
@@ -14,15 +14,15 @@ class Reader:
     """Reads functions of degree 1 at the vertices of a contact surface.
 
     Attributes:
-        V: Space whose numbers the nodes of the surface have.
-        surface: The surface's state.
+        V: Space with the node numbers of the surface.
+        surface: State of the surface.
     """
 
     V: fem.FunctionSpace
     surface: object
 
     def __call__(self, function):
-        """Values at the surface's vertices, shape (vertices, components). Collective."""
+        """Return values at the surface's vertices, shape (vertices, components). Collective."""
         Q = function.function_space
         values = function.x.array.reshape(-1, Q.dofmap.bs)
         index_map = self.V.dofmap.index_map
@@ -33,7 +33,7 @@ class Reader:
 
 
 def corners(V):
-    """Numbers of the vertices within a cell."""
+    """Return the indices of the vertices within a cell."""
     layout, cell = V.dofmap.dof_layout, V.mesh.topology.cell_name()
     count = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}[cell]
     return [layout.entity_dofs(0, v)[0] for v in range(count)]
@@ -41,15 +41,15 @@ def corners(V):
 
 @dataclasses.dataclass
 class Reading:
-    """What a contact says of one side; forces have a third component of 0 in 2D.
+    """Results of a contact on one side; forces have a third component of 0 in 2D.
 
     Attributes:
-        force: On the body, shape (3,).
-        moment: About the point that was asked for, shape (3,); that is (0, 0, m) in 2D.
-        traction: At the vertices, shape (vertices, 3).
-        normal: Part of the gaps.
-        tangential: Part of friction.
-        pressure: At the vertices, shape (vertices,).
+        force: Force on the body, shape (3,).
+        moment: Moment about the given point, shape (3,); (0, 0, m) in 2D.
+        traction: Traction at the vertices, shape (vertices, 3).
+        normal: Part of the traction from the gaps.
+        tangential: Part of the traction from friction.
+        pressure: Pressure at the vertices, shape (vertices,).
         fields: All functions by name, at the vertices, shape (vertices, components).
     """
 
@@ -63,13 +63,13 @@ class Reading:
 
 
 def read(contact, side, reader, about):
-    """What a contact says of a deformable side. Collective.
+    """Read the results of a contact on a deformable side. Collective.
 
     Args:
         contact: The contact.
         side: ``"slave"`` or ``"master"``.
-        reader: Of the side.
-        about: Point that moments are about, shape (3,).
+        reader: Reader of the side.
+        about: Reference point of moments, shape (3,).
     """
     gdim = contact.slave.gdim
     pad = lambda a: np.pad(a, [(0, 0)] * (np.ndim(a) - 1) + [(0, 3 - gdim)])  # noqa: E731
@@ -86,11 +86,11 @@ def read(contact, side, reader, about):
 
 
 def vertex_areas(x, facets):
-    """Areas ∫ N_k ds of vertices, and ∫ N_k n ds up to the sign: by facet, (facets, n), (…, n, 3).
+    """Return ∫ N_k ds and, up to the sign, ∫ N_k n ds at vertices: (facets, n), (facets, n, 3).
 
     Args:
-        x: Places of nodes, shape (nodes, 3).
-        facets: Their vertices, shape (facets, 2, 3 or 4).
+        x: Positions of nodes, shape (nodes, 3).
+        facets: Vertices of the facets, shape (facets, 2, 3 or 4).
     """
     c = x[facets]
     n = facets.shape[1]
@@ -111,10 +111,10 @@ def vertex_areas(x, facets):
 
 
 def areas_and_normals(surface, x):
-    """At a surface's vertices with its nodes at x, shapes (vertices,) and (vertices, 3)."""
+    """Return areas (vertices,) and normals (vertices, 3) of a surface with its nodes at x."""
     areas, vectors = vertex_areas(x, surface.facets)
     sign = np.ones(len(surface.facets))
-    # Which way a facet's vertices go around: as those of its pieces, or the other way.
+    # Orientation of a facet's vertices: the same as that of its segments or triangles, or opposite.
     pieces = cross_product(x[surface.pieces]) * surface.sign[:, None]
     outwards = np.zeros((len(surface.facets), 3))
     np.add.at(outwards, surface.parent, pieces)
@@ -128,14 +128,14 @@ def areas_and_normals(surface, x):
 
 @dataclasses.dataclass
 class Expected:
-    """What readings of a side are compared with.
+    """Reference values for the results on a side.
 
     Attributes:
-        side: The side, its forces.
-        area_x: Nodes of the body where the area is that tractions stand for, shape (nodes, 3).
-        normal_x: The same of the normals of pressures.
-        moment_x: The same of the places that forces act at.
-        about: Point of moments, shape (3,).
+        side: The side, with its forces.
+        area_x: Nodes of the body for the areas of tractions, shape (nodes, 3).
+        normal_x: Nodes of the body for the normals of pressures, shape (nodes, 3).
+        moment_x: Nodes of the body for the points where forces act, shape (nodes, 3).
+        about: Reference point of moments, shape (3,).
     """
 
     side: object
@@ -146,15 +146,15 @@ class Expected:
 
 
 def faults(name, reading: Reading, expected: Expected, tolerance, rubs, side_by_itself=True):
-    """Check, values, bounds and text of comparisons of a side's readings.
+    """Yield check, values, bounds and text of comparisons of the results on a side.
 
     Args:
-        name: Of the side.
-        reading: What was read.
-        expected: What of.
-        tolerance: Force that is none.
+        name: Name of the side.
+        reading: Results on the side.
+        expected: Reference values.
+        tolerance: Largest force that counts as zero.
         rubs: Whether there is friction.
-        side_by_itself: Whether all forces are those of the nodes that have a status.
+        side_by_itself: Whether all forces come from the nodes of this side, which have a status.
     """
     side = expected.side
     surface, force = side.own.surface, side.force
@@ -186,7 +186,7 @@ def faults(name, reading: Reading, expected: Expected, tolerance, rubs, side_by_
             off = np.abs(reading.fields[field] - values)
             yield "fields", off, little, f"{field} in the fields of {name}"
     if "status" in reading.fields and side_by_itself:
-        # Where it is pushed something near is in contact; friction reaches further than pressures.
+        # Near a pushed node some node is in contact; friction reaches further than pressures.
         x = side.points[: side.num_vertices]
         near = np.linalg.norm(x[:, None] - x, axis=2) <= 1.1 * side.size
         active = np.any(near & (reading.fields["status"][:, 0] >= 2), axis=1)
@@ -195,7 +195,7 @@ def faults(name, reading: Reading, expected: Expected, tolerance, rubs, side_by_
 
 
 def changed(name, before: Reading, after: Reading):
-    """Check, values, bounds and text: readings that have changed though nothing was solved."""
+    """Yield check, values, bounds and text for results that have changed without a solve."""
     for field in dataclasses.fields(Reading):
         a, b = getattr(before, field.name), getattr(after, field.name)
         pairs = [(field.name, a, b)]

@@ -1,4 +1,4 @@
-"""Rigid motions, and the tools that are moved by them."""
+"""Rigid motions, and rigid tools that move by them."""
 
 import copy
 import dataclasses
@@ -10,7 +10,7 @@ from audit.state import BodyState, SurfaceState
 
 
 class Motion(typing.NamedTuple):
-    """x goes to R x + t, shapes (3, 3) and (3,)."""
+    """Rigid motion from x to R x + t, shapes (3, 3) and (3,)."""
 
     R: np.ndarray
     t: np.ndarray
@@ -21,13 +21,13 @@ class Motion(typing.NamedTuple):
 
     @classmethod
     def about(cls, vector, center, shift=0.0):
-        """A rotation by a vector about a point, which is shifted then."""
+        """Make a rotation by a vector about a point, followed by a translation."""
         R = rotation(np.asarray(vector, dtype=float))
         return cls(R, center - R @ center + shift)
 
     @classmethod
     def read(cls, position):
-        """From what a tool of the library says its position to be."""
+        """Make the motion from the position of a tool of the library."""
         R, t, gdim = np.eye(3), np.zeros(3), len(position)
         R[:gdim, :gdim], t[:gdim] = position[:, :gdim], position[:, gdim]
         return cls(R, t)
@@ -42,11 +42,11 @@ class Motion(typing.NamedTuple):
         return Motion(self.R.T, -self.R.T @ self.t)
 
     def since(self, before):
-        """The motion from another place to this one."""
+        """Return the motion from another position to this one."""
         return self.after(before.back())
 
     def vector(self):
-        """Rotation vector, of less than half a turn."""
+        """Return the rotation vector, of less than half a turn."""
         w = 0.5 * np.array([self.R[2, 1] - self.R[1, 2], self.R[0, 2] - self.R[2, 0],
                             self.R[1, 0] - self.R[0, 1]])  # fmt: skip
         sine = np.linalg.norm(w)
@@ -55,7 +55,7 @@ class Motion(typing.NamedTuple):
 
 
 def rotation(w):
-    """Rotation by a vector."""
+    """Return the matrix of the rotation by a vector."""
     angle = np.linalg.norm(w)
     if angle == 0:
         return np.eye(3)
@@ -66,28 +66,28 @@ def rotation(w):
 
 @dataclasses.dataclass
 class PosedTool(Tool):
-    """A rigid plane or sphere that turns as well.
+    """A rigid plane or sphere that can rotate.
 
     Attributes:
-        paired: Where it was when contact was paired.
-        now: Where it is.
+        paired: Position at contact detection.
+        now: Present position.
     """
 
     paired: Motion = dataclasses.field(default_factory=Motion.none)
     now: Motion = dataclasses.field(default_factory=Motion.none)
 
     def at(self, paired, now):
-        """The tool at other places."""
+        """Return the tool at other positions."""
         return dataclasses.replace(self, paired=paired, now=now)
 
     def find(self, points, deformed=True):
-        """The closest points, where the tool is now or where it was paired."""
+        """Find the closest points, for the tool as it is now or as it was at contact detection."""
         place = self.now if deformed else self.paired
         found = super().find(place.back()(points), deformed=False)
         return Found(found.distance, found.facing, found.normal @ place.R.T, points=points)
 
     def displacement(self, found):
-        """Of what was found where it was paired."""
+        """Return the displacement of the closest points since contact detection."""
         return self.now.since(self.paired)(found.points) - found.points
 
 
@@ -95,11 +95,11 @@ class FacetTool(Meshed):
     """A rigid tool of segments or triangles.
 
     Args:
-        x: Vertices as it was made, shape (vertices, 3).
-        facets: Their vertices.
-        outwards: Sign of each, as of SurfaceState.
-        paired: Where it was when contact was paired.
-        now: Where it is.
+        x: Initial vertices, shape (vertices, 3).
+        facets: Vertices of the facets.
+        outwards: Sign of each facet, as in SurfaceState.
+        paired: Position at contact detection.
+        now: Present position.
     """
 
     rigid = True
@@ -117,25 +117,25 @@ class FacetTool(Meshed):
         super().__init__(state, surface)
 
     def find(self, points, deformed=True):
-        """As of any surface; the points are kept."""
+        """Find the closest points as on any surface, and keep the given points."""
         return dataclasses.replace(super().find(points, deformed), points=points)
 
     def displacement(self, found):
-        """Of the tool where the points are, if it were there: what is glued to it turns with it."""
+        """Return the displacement of the points as if fixed to the tool, rotation included."""
         return self.now.since(self.paired)(found.points) - found.points
 
     def at(self, paired, now):
-        """The tool at other places."""
+        """Return the tool at other positions."""
         return FacetTool(self.x, self._facets, self._outwards, paired, now)
 
 
 def displaced(opponent, before, u=None):
-    """An opponent with the displacements that it had at another time since it was paired.
+    """Return an opponent with its displacements of another time since contact detection.
 
     Args:
         opponent: A meshed surface or a tool.
-        before: Where a tool was then.
-        u: Displacements of the body then.
+        before: Position of the tool at that time.
+        u: Displacements of the body at that time.
     """
     if isinstance(opponent, (PosedTool, FacetTool)):
         return opponent.at(opponent.paired, before)

@@ -1,11 +1,11 @@
-"""Random scenes through full solves, and histories through time steps, and the auditor's faults.
+"""Run and audit random scenes with full solves, and random histories with time steps.
 
     python3 tests/audit/run.py --scenes 0:200 --verbose
     python3 tests/audit/run.py --histories 0:500
     mpirun -n 2 python3 tests/audit/run.py --scenes 0:200 --units
 
-A scene is refused if the library raises an error of its own; one that has faults but was warned
-about by the library is counted as such. Ends with 1 if there are faults that nothing has explained.
+A scene counts as refused if the library raises an error of its own. A scene with faults about which
+the library has warned is counted as such. Ends with 1 if there are unexplained faults.
 """
 
 import argparse
@@ -34,15 +34,15 @@ import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 
-#: Errors that say what to do.
+#: Errors whose messages say what to do.
 REFUSALS = (qs.ConvergenceError, qs.StepError, ValueError)
 
-#: Difference between an uninterrupted history and one that was saved and continued: of its length.
+#: Allowed difference between an uninterrupted and a restarted history, relative to its length.
 RESTART = 1e-6
 
 
 class Historian:
-    """A history with its auditor, and from the middle on another one that was continued."""
+    """A history with its auditor and, from the middle on, a second one restarted from a file."""
 
     def __init__(self, history):
         self.plays = [Play(history)]
@@ -50,7 +50,7 @@ class Historian:
         self.restarted = history.restarted
 
     def steps(self):
-        """Step after step; what is wrong after each."""
+        """Make all steps; yield the faults after each step."""
         first = self.plays[0]
         for unit in range(1, len(first.history.path) + 1):
             for _ in first.stepper.run(unit):
@@ -73,7 +73,7 @@ class Historian:
             qs.load_run(again.stepper, f"{folder}/run")
 
     def compare(self, unit):
-        """Make the step in the continued history as well; where it differs."""
+        """Make the step in the restarted history as well; return the differences."""
         first, again = self.plays
         again.stepper.step(unit)
         faults = compare("restart", abs(again.stepper.t - first.stepper.t), 1e-9, "time")
@@ -83,7 +83,8 @@ class Historian:
             error = np.abs(a.nodes.gather(difference)).max()
             faults += compare("restart", error, RESTART * length, f"unknowns of body {i}")
         force = first.contact.force("slave") - again.contact.force("slave")
-        # Areas that follow the bodies are settled to a thousandth: more than where nodes are kept.
+        # Areas in updated geometry converge to a thousandth: more than where pairs of nodes are
+        # kept.
         part = 1e-5 if self.auditor.joint.finite else 1e-6
         slack = 1e-5 * np.abs(first.contact.force("slave")).max() + part * self.auditor.force
         return faults + compare("restart", np.abs(force), slack, "contact force")
@@ -95,7 +96,7 @@ class Historian:
 
 @contextlib.contextmanager
 def shared_folder():
-    """A folder that all ranks write to, for a while. Collective."""
+    """Provide a temporary folder that all ranks write to. Collective."""
     with contextlib.ExitStack() as stack:
         name = None
         if COMM.rank == 0:
@@ -106,13 +107,13 @@ def shared_folder():
 
 @dataclasses.dataclass
 class Outcome:
-    """What became of a scene.
+    """Outcome of a scene.
 
     Attributes:
-        faults: What the auditor found, each with its step.
-        refused: The library's error.
-        warned: The library's warnings.
-        seconds: Wall time.
+        faults: Faults found by the auditor, each with its step.
+        refused: Error raised by the library.
+        warned: Warnings of the library.
+        seconds: Wall-clock time.
     """
 
     faults: list[str] = dataclasses.field(default_factory=list)
@@ -152,10 +153,10 @@ def run_scene(scene):
 
 
 def run(numbers, units=False, report=None, verbose=False, draw=random_scene):
-    """Scenes or histories one after another; counts by word. Collective."""
+    """Run scenes or histories one after another; count their outcomes. Collective."""
     counts = {"good": 0, "refused": 0, "warned": 0, "FAULT": 0}
     for i, number in enumerate(numbers):
-        if i % 10 == 0:  # on all ranks at once: see tests/conftest.py
+        if i % 10 == 0:  # on all ranks at the same time: see tests/conftest.py
             gc.collect()
         scene = draw(number, units)
         outcome = run_scene(scene)
@@ -170,7 +171,7 @@ def run(numbers, units=False, report=None, verbose=False, draw=random_scene):
 
 
 def following(draw):
-    """The same scenes or histories with contact that follows the bodies."""
+    """Make the same scenes or histories with updated contact geometry."""
 
     def drawn(number, units):
         scene = draw(number, units)
@@ -185,7 +186,7 @@ def following(draw):
 
 
 def numbers_of(text):
-    """``first:last`` or numbers with commas."""
+    """Parse ``first:last`` or numbers with commas."""
     if ":" in text:
         first, last = map(int, text.split(":"))
         return range(first, last)
@@ -195,10 +196,10 @@ def numbers_of(text):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=numbers_of, default=range(100), help="first:last, or 3,7")
-    parser.add_argument("--histories", type=numbers_of, help="the same, of time steps")
-    parser.add_argument("--units", action="store_true", help="odd units of force and length")
-    parser.add_argument("--finite", action="store_true", help="contact that follows the bodies")
-    parser.add_argument("--verbose", action="store_true", help="those without faults as well")
+    parser.add_argument("--histories", type=numbers_of, help="numbers of histories")
+    parser.add_argument("--units", action="store_true", help="unusual units of force and length")
+    parser.add_argument("--finite", action="store_true", help="updated contact geometry")
+    parser.add_argument("--verbose", action="store_true", help="print those without faults, too")
     args = parser.parse_args()
     start = time.perf_counter()
     numbers, draw, what = args.scenes, random_scene, "scenes"

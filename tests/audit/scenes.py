@@ -1,4 +1,4 @@
-"""Random scenes for the auditor: a scene follows from its number, on any number of ranks."""
+"""Random scenes for the auditor: the number of a scene defines it, on any number of ranks."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ import qsdolfinx as qs
 
 SEED = 20
 
-#: Movements of the upper body or tool: how far down and sideways, as parts of what a scene says.
+#: Movements of the upper body or tool: downward and sideways, as fractions of depth and slide.
 HISTORIES = {
     "press": ((1, 0),),
     "press twice": ((0.5, 0), (1, 0)),
@@ -25,34 +25,36 @@ HISTORIES = {
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """What is drawn at random; lengths are parts of ``L``.
+    """Random parameters of a scene; lengths are multiples of ``L``.
 
     Attributes:
-        number: Of the scene.
-        gdim: Of space.
-        cells: Shapes of the cells, of the lower body and the upper one.
-        n: Cells of the two along each axis.
-        degree: Of displacements.
-        tool: ``"none"``, or the shape of the rigid tool that takes the upper body's place.
+        number: Number of the scene.
+        gdim: Dimension of space.
+        cells: Cell shapes of the lower and the upper body.
+        n: Numbers of cells of the two along each axis.
+        degree: Degree of the displacements.
+        tool: ``"none"``, or the shape of the rigid tool that replaces the upper body.
         large: Whether the material is neo-Hookean.
-        loaded: Whether the upper body is pressed by a traction, and held sideways alone.
-        dragged: Whether the upper body's side is moved along x as its top is, with what it touches.
+        loaded: Whether a traction presses the upper body, which is then fixed sideways only.
+        dragged: Whether the side of the upper body, including the part in contact, moves along x
+            with its top.
         symmetric: Whether x = 0, in 3D y = 0 as well, are planes of symmetry.
         swapped: Whether the lower body is the slave.
-        curvature: Of the upper body's lower face, over 1 / L; radius of a sphere.
+        curvature: Curvature of the lower face of the upper body, or of the sphere, in units of 1 /
+            L.
         wave: Height of waves on both faces.
-        gap: Between them at first.
-        depth: How far the upper body comes down beyond the gap.
-        slide: How far it slides.
-        ratio: Modulus of the upper body over that of the lower one.
+        gap: Initial gap.
+        depth: Downward displacement of the upper body beyond the gap.
+        slide: Sliding distance of the upper body.
+        ratio: Modulus of the upper body over the modulus of the lower body.
         nu: Poisson's ratio of both.
         history: Name of the movements.
         tied: Whether the bodies are tied.
         mu: Coefficient of friction, 0 without.
-        stiff: Penalty over modulus of the lower body / L; None if automatic.
-        options: For the contact.
-        solver: By name.
-        partitions: Of the two meshes.
+        stiff: Penalty over modulus of the lower body / L; None for the automatic penalty.
+        options: Options of the contact.
+        solver: Name of the solver.
+        partitions: Partitions of the two meshes.
         E: Modulus of the lower body.
         L: Unit of length.
     """
@@ -100,7 +102,7 @@ class Scene:
 
 
 def random_scene(number, units=False):
-    """Scene of this number; with odd units or with some near 1."""
+    """Make the scene of a number; with unusual units or with units near 1."""
     rng = np.random.default_rng([SEED, number])
     gdim = int(rng.choice([2, 2, 3]))
     kinds = ("triangle", "quadrilateral") if gdim == 2 else ("tetrahedron", "hexahedron")
@@ -116,7 +118,7 @@ def random_scene(number, units=False):
     histories = list(HISTORIES)[:3] if loaded or tied else list(HISTORIES)
     most = {(2, 1): 9, (2, 2): 6, (3, 1): 5, (3, 2): 3}[gdim, degree]
     large = bool(rng.random() < 0.35)
-    limit = 3 if large and gdim == 3 else most  # these are assembled again and again
+    limit = 3 if large and gdim == 3 else most  # these are assembled repeatedly
     curved = tool == "sphere" or rng.random() < 0.3
     options = {
         "formulation": formulation,
@@ -168,13 +170,13 @@ def random_scene(number, units=False):
 
 
 def gap_of(rng, other, tied):
-    """Between the bodies at first: ties reach across wide ones."""
+    """Return the initial gap between the bodies: ties reach across wide gaps."""
     gap = float(rng.choice([0.0, 0.0, 0.003, 0.01]))
     return float(other.uniform(0.05, 0.3)) if tied and other.random() < 0.5 else gap
 
 
 class Stage:
-    """A scene's bodies, contact, problem and auditor.
+    """Bodies, contact, problem and auditor of a scene.
 
     The lower body has its base at z = -1, the upper one, less wide, stands on z = 0 with its top at
     z = 0.8; z is y in 2D.
@@ -196,7 +198,7 @@ class Stage:
         self.auditor = self.make_auditor()
 
     def block(self, i, bottom, top, low, high):
-        """Body number i; its contact face is at z = 0."""
+        """Make body number i; its contact face is at z = 0."""
         scene, L, up = self.scene, self.L, self.up
         corners = [low] * up + [bottom], [high] * up + [top]
         msh = box(WORLD, scene.n[i], scene.cells[i], *corners, scene.partitions[i])
@@ -226,14 +228,14 @@ class Stage:
         return body
 
     def hold_top(self):
-        """Conditions on the upper body's end; returns their values, one for each component held."""
+        """Fix the upper body's end; return the prescribed values, one for each component."""
         upper = self.bodies[1]
         axes = [a for a in range(self.up + 1) if not (self.scene.loaded and a == self.up)]
         self.side = upper.hold(upper.side, 0.0, axis=0) if self.scene.dragged else None
         return {axis: upper.hold(upper.end, 0.0, axis=axis) for axis in axes}
 
     def make_tool(self):
-        """The rigid tool above z = 0, the library's and the auditor's."""
+        """Make the rigid tool above z = 0, for the library and for the auditor."""
         scene, L = self.scene, self.L
         at = np.zeros(3)
         at[: self.up], at[self.up] = (0.0 if scene.symmetric else 0.45) * L, scene.gap * L
@@ -317,7 +319,7 @@ class Stage:
             self.audited[1].moment = None if scene.large else moment
 
     def read_settings(self):
-        """What the method was asked for, or has chosen itself: the penalty."""
+        """Return the penalty: the prescribed one, or the automatic one."""
         contact = self.contact
         self.joint.penalty = None if contact.model.augmented else contact.penalty
         self.joint.allowed_gap = (
@@ -325,7 +327,7 @@ class Stage:
         )
 
     def steps(self):
-        """Solve step after step; what is wrong after each."""
+        """Solve step after step; yield the faults after each step."""
         path = HISTORIES[self.scene.history]
         for number, step in enumerate(path, 1):
             self.move(*step)

@@ -11,13 +11,13 @@ from fuzz.brute import dot, unit
 
 @dataclasses.dataclass
 class Side:
-    """A surface and its opponent. Points are vertices, the other nodes, and centres of pieces.
+    """A surface and its opponent. Points are vertices, the other nodes, and centres of facet parts.
 
     Attributes:
         own: The surface.
-        opponent: A surface or a tool.
-        now: The closest points of the opponent to the deformed points.
-        rest: The same as meshed.
+        opponent: The opposite surface or tool.
+        now: Closest points of the opponent to the deformed points.
+        rest: Closest points in the undeformed state.
         alone: Whether each vertex has its own gap and normal.
     """
 
@@ -43,7 +43,7 @@ class Side:
 
     @property
     def nodal_force(self):
-        """What the other side exerts, and conditions where there are any."""
+        """Forces of the other side, and reactions where there are conditions."""
         return self.body.force[self.own.surface.nodes]
 
     @property
@@ -52,22 +52,22 @@ class Side:
 
     @functools.cached_property
     def force(self):
-        """Virtual work over the vertices' functions of degree 1: never negative if pushed."""
+        """Nodal forces of the vertices' functions of degree 1: never negative if pushed."""
         return self.own.surface.hat @ self.nodal_force
 
     @functools.cached_property
     def held(self):
-        """Components of these that conditions have a part in."""
+        """Components of these forces that contain reactions of conditions."""
         return (self.own.surface.hat > 0).astype(float) @ self.nodal_held > 0
 
     @property
     def hat_count(self):
-        """Nodes of each."""
+        """Number of nodes of each function."""
         return np.count_nonzero(self.own.surface.hat, axis=1)
 
     @functools.cached_property
     def area(self):
-        """Of the vertices."""
+        """Areas of the vertices."""
         surface, corners = self.own.surface, self.own.at_rest
         if self.own.is_bilinear:
             shares = bilinear_areas(self.body.x[surface.facets])
@@ -81,7 +81,7 @@ class Side:
 
     @functools.cached_property
     def normal(self):
-        """Outward normals at the vertices, as meshed: mean ones, or those against a tool's."""
+        """Undeformed outward normals at the vertices: mean normals, or the tool's reversed."""
         if self.opponent.rigid:
             return -self.rest.normal[: self.num_vertices]
         surface = self.own.surface
@@ -93,7 +93,7 @@ class Side:
 
     @property
     def pull(self):
-        """Force along the outward normal: negative if it pushes."""
+        """Force along the outward normal, negative if it pushes."""
         return dot(self.force, self.normal)
 
     @property
@@ -102,15 +102,15 @@ class Side:
 
     @property
     def normal_free(self):
-        """Vertices whose force along the normal is contact's alone."""
+        """Vertices whose normal force comes from contact only."""
         return ~np.any(self.held & (np.abs(self.normal) > 1e-6), axis=1)
 
     @property
     def pressure(self):
-        """Of the vertices where it is known."""
+        """Pressure at the vertices where it is known, otherwise 0."""
         return np.where(self.normal_free, -self.pull / self.area, 0.0)
 
-    # --- Places
+    # --- Positions
 
     @property
     def num_vertices(self):
@@ -118,7 +118,7 @@ class Side:
 
     @functools.cached_property
     def points(self):
-        """As meshed."""
+        """Undeformed points."""
         return places(self.own.surface, self.body.x)
 
     @functools.cached_property
@@ -131,7 +131,7 @@ class Side:
 
     @functools.cached_property
     def near_free(self):
-        """Points on whose pieces no node is held along the normal."""
+        """Points whose facet parts have no node held along the normal."""
         surface = self.own.surface
         normals = self.own.normals(self.own.at_rest)
         bad = self.body.held[surface.pieces] & (np.abs(normals) > 1e-6)[:, None]
@@ -142,21 +142,21 @@ class Side:
 
     @functools.cached_property
     def size(self):
-        """Of the largest facet."""
+        """Size of the largest facet."""
         x = self.body.x[self.own.surface.facets]
         return np.linalg.norm(x[:, :, None] - x[:, None], axis=-1).max()
 
-    # --- What has moved, and by how much facets are not parallel
+    # --- Motion, and angles between facets
 
     @functools.cached_property
     def jump(self):
-        """Displacement of the points over that of what they faced as meshed."""
+        """Displacement of the points relative to their undeformed partners."""
         u = places(self.own.surface, self.body.u)
         return u - self.opponent.displacement(self.rest)
 
     @functools.cached_property
     def slide(self):
-        """Largest sideways part of the jump."""
+        """Largest tangential part of the jump."""
         jump = self.jump[: self.num_vertices]
         across = jump - dot(jump, self.normal)[:, None] * self.normal
         facing = self.rest.facing[: self.num_vertices]
@@ -164,18 +164,18 @@ class Side:
 
     @functools.cached_property
     def initial_gap(self):
-        """Of the vertices, those beside left out."""
+        """Initial gaps of the vertices; 0 for vertices beside the other side."""
         n = self.num_vertices
         return np.where(self.rest.facing[:n], np.abs(self.rest.distance[:n]), 0.0)
 
     @functools.cached_property
     def opening(self):
-        """Largest distance of points that face the other side, now or as meshed."""
+        """Largest distance of points that face the other side, deformed or undeformed."""
         both = [np.abs(f.distance[f.facing]).max(initial=0.0) for f in (self.now, self.rest)]
         return max(both)
 
     def lever(self, sideways, tolerance):
-        """Of forces on points that were not opposite to each other."""
+        """Return the lever of forces on points that were not opposite to each other."""
         loaded = np.linalg.norm(self.force, axis=1) > tolerance
         gap = np.where(loaded, self.initial_gap, 0.0).max(initial=0.0)
         # A node beside the other surface may have been paired.
@@ -185,16 +185,16 @@ class Side:
 
     @functools.cached_property
     def tilt_at_rest(self):
-        """Sine of the largest angle of a vertex' normal with those near it, as meshed."""
+        """Sine of the largest angle between a vertex normal and normals nearby, undeformed."""
         return self.angles(deformed=False)
 
     @functools.cached_property
     def turn(self):
-        """The same with the normals now as well."""
+        """The same, also with the deformed normals."""
         return np.maximum(self.tilt_at_rest, self.angles(deformed=True))
 
     def angles(self, deformed):
-        """Sines of the largest angles of the vertices' normals with those of facets near them."""
+        """Return sines of the largest angles between vertex normals and nearby facet normals."""
         own = self.own.deformed if deformed else self.own.at_rest
         found = self.now if deformed else self.rest
         centres, normals = own.mean(axis=1), self.own.normals(own)
@@ -202,7 +202,7 @@ class Side:
         near = np.linalg.norm(x[:, None] - centres, axis=2) <= 2 * self.size
         out = np.where(near, sine(self.normal[:, None], normals), 0.0).max(axis=1)
         if self.opponent.rigid and not deformed:
-            out = np.zeros(self.num_vertices)  # a tool's normals are taken, whatever its own are
+            out = np.zeros(self.num_vertices)  # a tool's normals are used instead
         if self.opponent.rigid and isinstance(self.opponent, Meshed):
             others = self.opponent.deformed if deformed else self.opponent.at_rest
             centres, normals = others.mean(axis=1), self.opponent.normals(others)
@@ -220,7 +220,7 @@ class Side:
 
 
 def bilinear_areas(corners):
-    """Integrals of the shape functions of quadrilaterals, shape (facets, 4)."""
+    """Integrate the shape functions of quadrilaterals, shape (facets, 4)."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     c, out = corners[:, 3] - corners[:, 0] - a - b, np.zeros(corners.shape[:2])
     for s in 0.5 + np.array([-1, 1]) / np.sqrt(12):
@@ -236,17 +236,17 @@ def sine(a, b):
 
 
 def node_order(surface):
-    """Vertices first, then the other nodes."""
+    """Return the vertices first, then the other nodes."""
     return np.concatenate([surface.vertices, np.setdiff1d(surface.nodes, surface.vertices)])
 
 
 def places(surface, values):
-    """Values at the vertices, the other nodes and the centres of the pieces."""
+    """Return values at the vertices, the other nodes and the centres of facet parts."""
     return np.concatenate([values[node_order(surface)], values[surface.pieces].mean(axis=1)])
 
 
 def read_side(own, opponent, alone):
-    """A side, its distances found."""
+    """Make a side and find its distances."""
     at_rest = places(own.surface, own.body.x)
     now = places(own.surface, own.body.x + own.body.u)
     rest = opponent.find(at_rest, deformed=False)

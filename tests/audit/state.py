@@ -1,6 +1,6 @@
-"""Bodies and contact surfaces of a solved scene as plain arrays, the same on every rank.
+"""Read bodies and contact surfaces of a solved scene as plain arrays, the same on every rank.
 
-Made with DOLFINx alone. In 2D all vectors have a third component of 0, held.
+Uses DOLFINx only. In 2D all vectors have a third component of 0, which is held.
 """
 
 import dataclasses
@@ -13,13 +13,13 @@ from dolfinx import fem, la
 
 @dataclasses.dataclass
 class BodyState:
-    """A body; nodes have DOLFINx's global numbers.
+    """State of a body; nodes have DOLFINx's global numbers.
 
     Attributes:
-        x: Nodes as meshed, shape (nodes, 3).
-        u: Their displacements.
-        force: F assembled: internal forces less loads, which is what contact and conditions exert
-            on the body, shape (nodes, 3).
+        x: Undeformed nodes, shape (nodes, 3).
+        u: Displacements of the nodes.
+        force: Assembled F: internal forces less loads, which equal the forces of contact and
+            conditions on the body, shape (nodes, 3).
         held: Components with Dirichlet conditions, shape (nodes, 3).
     """
 
@@ -31,17 +31,17 @@ class BodyState:
 
 @dataclasses.dataclass
 class SurfaceState:
-    """A contact surface; node numbers are those of its body.
+    """State of a contact surface; node numbers are those of its body.
 
     Attributes:
         facets: Vertices of the facets, shape (facets, 2, 3 or 4).
-        pieces: Intervals or triangles that facets are cut into, with all nodes among their corners;
-            shape (pieces, gdim).
-        sign: Of each piece, by which its normal in the order of its corners has to be multiplied to
-            point outwards.
+        pieces: Intervals or triangles into which facets are divided, with all nodes among their
+            corners; shape (pieces, gdim).
+        sign: Sign of each piece; the normal in the order of its corners times this sign points
+            outwards.
         parent: Facet of each piece.
-        nodes: All nodes on it, sorted.
-        vertices: Those that are vertices, sorted.
+        nodes: All nodes on the surface, sorted.
+        vertices: Vertices among these nodes, sorted.
         hat: Values of the vertices' P1 or Q1 functions at all nodes, shape (vertices, nodes).
     """
 
@@ -55,17 +55,17 @@ class SurfaceState:
 
 
 def everywhere(comm, values):
-    """The rows of all ranks, in their order, on every rank. Collective."""
+    """Gather the rows of all ranks, in their order, on every rank. Collective."""
     return np.concatenate(comm.allgather(np.ascontiguousarray(values)))
 
 
 def padded(values):
-    """With a third component."""
+    """Add a third component."""
     return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
 
 
 def read_body(F, u, bcs):
-    """State of a body from its UFL residual, unknown and conditions. Collective."""
+    """Read the state of a body from its UFL residual, unknown and conditions. Collective."""
     V = u.function_space
     comm, index_map, bs = V.mesh.comm, V.dofmap.index_map, V.dofmap.bs
     owned = index_map.size_local
@@ -85,11 +85,11 @@ def read_body(F, u, bcs):
 
 
 def read_surface(V, facets, x):
-    """State of a contact surface from its facets on this rank. Collective.
+    """Read the state of a contact surface from its facets on this rank. Collective.
 
     Args:
-        V: Displacements, of degree 1 or 2.
-        facets: Exterior facets on this rank, any that others have as well included.
+        V: Space of the displacements, of degree 1 or 2.
+        facets: Exterior facets on this rank, including facets that other ranks have as well.
         x: Nodes of the body, shape (nodes, 3).
     """
     msh, layout = V.mesh, V.dofmap.dof_layout
@@ -112,14 +112,14 @@ def read_surface(V, facets, x):
         cells = V.dofmap.cell_dofs(cell)
         inner = next(d for d in corners if d not in closure)
         found.append(V.dofmap.index_map.local_to_global(cells[[*order, inner]].astype(np.int32)))
-    num = 4 if num_vertices == 8 else tdim  # of a facet
+    num = 4 if num_vertices == 8 else tdim  # of one facet
     width = len(layout.entity_closure_dofs(tdim - 1, 0)) + 1
     rows = everywhere(msh.comm, np.array(found, dtype=np.int64).reshape(-1, width))
     return assemble_surface(rows[:, :-1], rows[:, -1], num, gdim, x)
 
 
 def assemble_surface(rows, inner, num, gdim, x):
-    """A surface from the nodes of its facets, vertices first, and a node off each of them."""
+    """Make a surface from the nodes of its facets, vertices first, and a node off each facet."""
     facets, nodes = rows[:, :num], np.unique(rows)
     vertices = np.unique(facets)
     hat = np.zeros((len(vertices), len(nodes)))
@@ -138,7 +138,7 @@ def assemble_surface(rows, inner, num, gdim, x):
 
 
 def corner_weights(corners, point):
-    """Shape functions of the corners at a corner, a mid-point of two or the centre of all."""
+    """Return shape functions of the corners at a corner, a mid-side point or the centre."""
     size = np.ptp(corners, axis=0).max()
     count = len(corners)
     sets = [(i,) for i in range(count)]
@@ -153,7 +153,7 @@ def corner_weights(corners, point):
 
 
 def cut_facet(weights):
-    """Triangles, or intervals, between the nodes of a facet.
+    """Return triangles, or intervals, between the nodes of a facet.
 
     Args:
         weights: Shape functions of the corners at the nodes, shape (nodes, corners).
@@ -176,7 +176,7 @@ def cut_facet(weights):
 
 
 def cross_product(corners):
-    """Normals of intervals or triangles, as long as they are long or twice as their area."""
+    """Return normals of intervals or triangles, with their length or twice their area as norm."""
     if corners.shape[1] == 2:
         t = corners[:, 1] - corners[:, 0]
         return np.stack([t[:, 1], -t[:, 0], 0 * t[:, 0]], axis=1)

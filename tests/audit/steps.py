@@ -1,10 +1,11 @@
-"""Audits the steps of a history with DOLFINx and NumPy alone: see ``auditor``.
+"""Audit the steps of a history with DOLFINx and NumPy alone: see ``auditor``.
 
-Where contact pairs in a step is documented, and found here from the unknowns that the solves of the
-step ended with: at first where the bodies would be if they went on as before, then, if it pairs
-once more, where the solve before has put them. Normals and partners are those of that place; what
-has moved since is small sliding. Slip is what bodies have moved over each other from the end of the
-last step to that of this one, and the jump of a tie what they have moved since it was made.
+The configuration of contact detection in a step is documented. Here it is computed from the
+unknowns at the end of the solves of the step: for the first contact detection, the positions of the
+bodies if they continued to move as before; for a second contact detection, the positions from the
+previous solve. Normals and partners belong to this configuration; the motion since then is small
+sliding. Slip is the relative motion of the bodies from the end of the last step to the end of this
+step. The jump of a tie is the relative motion since the tie was made.
 """
 
 import dataclasses
@@ -40,16 +41,16 @@ from audit.state import BodyState, SurfaceState, read_surface
 
 @dataclasses.dataclass
 class Places:
-    """Where the nodes of a body are at some times, each of shape (nodes, 3).
+    """Positions of the nodes of a body at some times, each of shape (nodes, 3).
 
     Attributes:
-        first: When the history began.
+        first: At the start of the history.
         before: At the end of the last step.
-        paired: Where contact was paired.
-        solved: On the mesh where the residual was assembled.
+        paired: At contact detection.
+        solved: On the mesh on which the residual was assembled.
         now: At the end of this step.
-        rate: What they moved per time in this step.
-        force: What contact and conditions exert.
+        rate: Displacement per time in this step.
+        force: Forces of contact and conditions.
         rest: Residual of other unknowns.
         held: Components with conditions.
     """
@@ -65,12 +66,12 @@ class Places:
     held: np.ndarray
 
     def since(self, start):
-        """As a body that was at rest at another time."""
+        """Return the state of a body with another time as its undeformed state."""
         return BodyState(start, self.now - start, self.force, self.held)
 
 
 class StepAuditor:
-    """Audits a history step by step; call :meth:`audit` after each.
+    """Audits a history step by step; call :meth:`audit` after each step.
 
     Args:
         play: The history, before its first step.
@@ -78,7 +79,7 @@ class StepAuditor:
 
     def __init__(self, play):
         self.play, self.history, self.length = play, play.history, play.L
-        self.local = [a.start for a in play.actors]  # of the end of the last step
+        self.local = [a.start for a in play.actors]  # at the end of the last step
         self.first = [a.nodes.gather(a.start) for a in play.actors]
         self.held = [a.nodes.held(a.bcs) for a in play.actors]
         self.rates = [np.zeros_like(a.start) for a in play.actors]
@@ -115,7 +116,7 @@ class StepAuditor:
     # --- Reading
 
     def read(self):
-        """Places of the bodies in the last step, and of the tool: paired, now. Collective."""
+        """Read the positions of the bodies in the last step, and of the tool; collective."""
         play, dt = self.play, self.play.stepper.last_dt
         contact = play.contact
         self.joint.penalty = None if contact.model.augmented else contact.penalty
@@ -143,12 +144,12 @@ class StepAuditor:
 
     @property
     def base(self):
-        """Solves of a step in which contact pairs once."""
+        """Number of solves in a step with one contact detection."""
         flows = any(self.history.flows) and self.play.stepper.theta > 0
         return 2 if self.num_steps == 0 and flows else 1
 
     def paired(self, i, dt):
-        """Where body i was when contact was paired last; nodes that are no vertices in between."""
+        """Return body i at the last contact detection; non-vertex nodes are interpolated."""
         play, actor = self.play, self.play.actors[i]
         x, solutions = self.local[i], self.play.solutions
         if len(solutions) == 1:
@@ -168,14 +169,14 @@ class StepAuditor:
     # --- Auditing
 
     def audit(self):
-        """What is wrong with the last step, the same on all ranks. Collective."""
+        """Return the faults of the last step, the same on all ranks. Collective."""
         bodies, local, tool = self.read()
         faults = self.check(bodies, tool)
         self.go_on(bodies, local, tool)
         return faults
 
     def check(self, bodies, tool):
-        """Faults of a step that ended there."""
+        """Return the faults of a step with this end."""
         if not all(np.all(np.isfinite(b.now)) and np.all(np.isfinite(b.force)) for b in bodies):
             return [Fault("finite", np.inf, "the solution is not finite")]
         tolerance = self.force_tolerance(bodies)
@@ -190,11 +191,11 @@ class StepAuditor:
         return faults + self.readings(bodies, tool, sides, tolerance)
 
     def go_on(self, bodies, local, tool):
-        """Take this end of a step for the start of the next."""
+        """Make this end of a step the start of the next step."""
         dt = self.play.stepper.last_dt
         for i, actor in enumerate(self.play.actors):
             self.rates[i] = (local[i] - self.local[i]) / dt
-            if actor.flows:  # bubbles are no places
+            if actor.flows:  # bubbles are not positions
                 self.rates[i] = actor.nodes.values(self.play.solutions[-1][i])
         if self.joint.rubs:
             side = self.sides(bodies, tool)[0]
@@ -205,7 +206,7 @@ class StepAuditor:
         self.t, self.num_steps = self.play.stepper.t, self.num_steps + 1
 
     def force_tolerance(self, bodies):
-        """Forces that count as none."""
+        """Return the largest force that counts as zero."""
         total = sum(
             np.sum(b.force[b.held | self.on_contact(i)[:, None]] ** 2) for i, b in enumerate(bodies)
         )
@@ -217,7 +218,7 @@ class StepAuditor:
         return out
 
     def equilibrium(self, i, body, tolerance):
-        """Of one body, on the mesh where it was solved for."""
+        """Check the equilibrium of one body, on the mesh of its solve."""
         actor = self.play.actors[i]
         large = actor.material == "neo"
         state = BodyState(body.now if large else body.solved, 0 * body.now, body.force, body.held)
@@ -231,10 +232,10 @@ class StepAuditor:
             faults += compare("volume", np.abs(body.rest), slack, f"body {i}, divergence")
         return faults
 
-    # --- Motions
+    # --- Motion
 
     def kinematics(self, bodies):
-        """Time, meshes and conditions."""
+        """Check time, meshes and conditions."""
         stepper, faults = self.play.stepper, []
         dt, close = stepper.last_dt, CLOSE * self.length
         faults += compare("time", abs(stepper.t - self.t - dt), 1e-9, "t is not the sum of steps")
@@ -263,7 +264,7 @@ class StepAuditor:
         return faults
 
     def vertices(self, i):
-        """Nodes of body i but for bubbles."""
+        """Return which nodes of body i are not bubbles."""
         actor = self.play.actors[i]
         if actor.material != "mini":
             return np.ones(len(self.first[i]), dtype=bool)
@@ -275,7 +276,7 @@ class StepAuditor:
         return actor.nodes.gather(flags)[:, 0] > 0
 
     def volume(self, i, body):
-        """Of an incompressible body: div v is zero in the mean where it is solved for."""
+        """Check the volume of an incompressible body: div v is zero in the mean in the solve."""
         before, now = self.volumes[i], self.volumes_now()[i]
         actor, play = self.play.actors[i], self.play
         dt, gdim = play.stepper.last_dt, self.history.gdim
@@ -291,7 +292,7 @@ class StepAuditor:
         return compare("volume", abs(now / before - 1), bound, f"body {i}, change")
 
     def tool_motion(self, tool):
-        """A tool is where it was told to be, but for the way along a force."""
+        """Check that a tool is where its motion says, except for the displacement along a force."""
         play = self.play
         told = play.motion(1, play.stepper.t)
         error = np.abs(tool[1].R - told.R).max()
@@ -302,7 +303,7 @@ class StepAuditor:
         return faults + compare("tool", np.abs(off), CLOSE * self.length, "centre")
 
     def driven(self, sides, tolerance):
-        """The contact forces are the force that drives a tool."""
+        """Check that the contact forces equal the force on a force-controlled tool."""
         if not self.history.driven:
             return []
         force = self.play.force(self.play.stepper.t)
@@ -313,7 +314,7 @@ class StepAuditor:
     # --- Readings
 
     def ends(self):
-        """Names of the meshed sides and their bodies, slave first."""
+        """Return the names of the meshed sides and their bodies, slave first."""
         if self.history.has_tool:
             return [("slave", 0)]
         return list(
@@ -321,7 +322,7 @@ class StepAuditor:
         )
 
     def read_contact(self):
-        """What the library says of the meshed sides, slave first. Collective."""
+        """Read the library's results on the meshed sides, slave first. Collective."""
         actors, surfaces = self.play.actors, self.surfaces
         return [
             readings.read(
@@ -332,9 +333,9 @@ class StepAuditor:
         ]  # fmt: skip
 
     def readings(self, bodies, tool, sides, tolerance):
-        """What is wrong with what the library says of the contact. Collective.
+        """Return the faults of the library's results on the contact. Collective.
 
-        Forces on a tool go along with its centre.
+        The points of action of the forces on a tool move with its centre.
         """
         out, moved = [], np.zeros(3)
         if tool is not None:
@@ -352,7 +353,7 @@ class StepAuditor:
         return out
 
     def audit_update(self):
-        """Readings that change as contact is updated, though nothing is solved. Collective."""
+        """Return results that change when contact is updated without a solve. Collective."""
         before, out = self.read_contact(), []
         self.play.contact.update()
         for pair in zip(NAMES, before, self.read_contact(), strict=False):
@@ -366,12 +367,12 @@ class StepAuditor:
         return Meshed(body.since(start), self.surfaces[i])
 
     def opponents(self, bodies, tool, start):
-        """The meshed sides and what each is against, slave first.
+        """Return the meshed sides and their opponents, slave first.
 
         Args:
-            bodies: Places.
-            tool: Where it was when displacements were zero, and now.
-            start: Name of the place where displacements are zero.
+            bodies: Positions of the bodies.
+            tool: Position of the tool at zero displacements, and the present position.
+            start: Name of the configuration with zero displacements.
         """
         own = [self.meshed(i, b, getattr(b, start)) for i, b in enumerate(bodies)]
         if tool is not None:
@@ -382,7 +383,7 @@ class StepAuditor:
         return [(own[0], own[1]), (own[1], own[0])]
 
     def sides(self, bodies, tool, start="paired"):
-        """The sides of the contact."""
+        """Return the sides of the contact."""
         if self.joint.follows and start == "paired":
             start, tool = "now", None if tool is None else (tool[1], tool[1])
         pairs = self.opponents(bodies, tool, start)
@@ -395,7 +396,8 @@ class StepAuditor:
         faults = reported_force(joint, sides, tolerance)
         if len(forces) == 2:
             arm = self.arm(bodies) if joint.tied else None
-            # Forces of ties act where surfaces are, or, in small sliding, where they were paired.
+            # Forces of ties act on the deformed surfaces or, in small sliding, where they were
+            # paired.
             there = self.sides(bodies, None, "now") if joint.tied and joint.finite else sides
             faults += pair_balance(joint, there, tolerance, length, arm)
         reach = 2 * sum(side.size for side in sides)
@@ -406,12 +408,12 @@ class StepAuditor:
                 faults += directions(name, joint, side, tolerance)
                 faults += complementarity(name, joint, sides, side, tolerance, reach, length)
             faults += penetration(name, joint, sides, side, reach, length)
-        if joint.rubs and not joint.follows:  # slip is not counted from where it was paired
+        if joint.rubs and not joint.follows:  # slip is not counted from contact detection
             faults += self.slip(bodies, tool, sides, tolerance)
         return faults
 
     def tie(self, bodies, tool, reach):
-        """Jumps since the tie was made."""
+        """Check the jumps since the tie was made."""
         since = None if tool is None else (Motion.none(), tool[1])
         sides = self.sides(bodies, since, "first")
         there = [dataclasses.replace(b, now=b.paired) for b in bodies]
@@ -419,12 +421,12 @@ class StepAuditor:
         return tied_gaps(self.joint, sides, reach, self.length, paired)
 
     def arm(self, bodies):
-        """Jump of a tie between bodies where the forces are that it exerts."""
+        """Return the jump of a tie between bodies in the configuration in which its forces act."""
         there = [b if self.joint.finite else dataclasses.replace(b, now=b.paired) for b in bodies]
         return ties.arm(self.sides(there, None, "first"))
 
     def slip(self, bodies, tool, sides, tolerance):
-        """Friction against the slip since the last step."""
+        """Check friction against the slip since the last step."""
         side = sides[0]
         i = 0 if tool is not None or self.history.swapped else 1
         n = side.num_vertices
@@ -450,20 +452,20 @@ class StepAuditor:
         return [Fault(*fault) for fault in found]
 
     def turned(self, side, body):
-        """Largest angle by which a piece of the surface has turned in the step."""
+        """Return the largest rotation angle of a part of the surface in the step."""
         pieces = side.own.surface.pieces
         normals = [side.own.normals(x[pieces]) for x in (body.before, body.now)]
         return np.linalg.norm(normals[1] - normals[0], axis=1).max()
 
 
 def volumes(actor):
-    """Of a body's mesh as it is, from its vertices' cells. Collective."""
+    """Return the volume of the present mesh of a body, from its cells' vertices. Collective."""
     local = cell_gradients(actor, actor.nodes.places(), None)[0].sum()
     return actor.nodes.comm.allreduce(float(local), op=MPI.SUM)
 
 
 def cell_gradients(actor, x, values):
-    """Volumes of this rank's simplices, and gradients of values at their vertices."""
+    """Return volumes of this rank's simplices, and gradients of values at their vertices."""
     nodes, gdim = actor.nodes, actor.nodes.gdim
     count = nodes.V.mesh.topology.index_map(gdim).size_local
     corners = nodes.V.dofmap.list[:count, nodes.corners]
@@ -478,7 +480,7 @@ def cell_gradients(actor, x, values):
 
 
 def largest_gradient(actor, x, values):
-    """Largest norm of the gradient of a field in a cell. Collective."""
+    """Return the largest norm of the gradient of a field in a cell. Collective."""
     gradients = cell_gradients(actor, x, values)[1]
     local = np.linalg.norm(gradients, axis=(1, 2)).max(initial=0.0)
     return actor.nodes.comm.allreduce(float(local), op=MPI.MAX)

@@ -1,4 +1,4 @@
-"""Random scenes and histories, by the auditor's own means; other ones on each number of ranks."""
+"""Audit random scenes and histories; each number of ranks has different ones."""
 
 from mpi4py import MPI
 
@@ -8,7 +8,7 @@ from audit.run import following, run
 from audit.scenes import random_scene
 
 SIZE = MPI.COMM_WORLD.size
-#: Scenes and histories on 1, 2 and 3 ranks, which take several times as long each.
+#: Scenes and histories on 1, 2 and 3 ranks; several ranks take several times as long each.
 SCENES, HISTORIES = {1: 20, 2: 10}.get(SIZE, 5), {1: 8, 2: 5}.get(SIZE, 3)
 
 
@@ -28,18 +28,18 @@ def test_some_histories():
 
 
 def test_friction_that_jumps_at_points():
-    """A node of which some points are closed may have no friction."""
+    """A node with some active quadrature points may have no friction."""
     check([24, 39, 63, 77, 83, 414], draw=random_history)
 
 
 def test_some_that_follow():
-    """With contact that follows the bodies."""
+    """Audit histories with updated contact geometry."""
     numbers = range(100 * (SIZE - 1), 100 * (SIZE - 1) + SCENES)
     check(numbers, draw=following(random_scene))
 
 
 def test_histories_that_follow():
-    """What points have beyond nodes goes through a checkpoint."""
+    """The history variables of quadrature points are kept in a checkpoint."""
     check([20, 39], draw=following(random_history))
 
 

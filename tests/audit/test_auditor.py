@@ -1,4 +1,4 @@
-"""The auditor finds faults that are planted into a state, and none in the state itself."""
+"""Test that the auditor finds faults planted in a state, and none in the state itself."""
 
 import dataclasses
 import itertools
@@ -67,7 +67,7 @@ KINDS = {
 
 
 class Solved:
-    """A scene after its last step, not yet audited; states are read once and may be tampered."""
+    """A scene after its last step, not yet audited; its states are read once and may be changed."""
 
     def __init__(self, scene):
         self.stage = stage = Stage(scene)
@@ -82,11 +82,11 @@ class Solved:
 
     @property
     def slave(self):
-        """Index of the body and its surface."""
+        """Return the index of the body and its surface."""
         return self.stage.joint.slave[0], self.stage.auditor.surfaces[0][0]
 
     def names(self, plant):
-        """Audits that notice what is planted into copies of the states."""
+        """Return the audits that detect a fault planted in copies of the states."""
         auditor = self.stage.auditor
         states = [dataclasses.replace(s, u=s.u.copy(), force=s.force.copy()) for s in self.states]
         plant(self, states)
@@ -98,7 +98,7 @@ class Solved:
 
 
 def loaded_node(solved, states):
-    """The slave's node with the largest force, and that."""
+    """Return the slave node with the largest force, and this force."""
     i, surface = solved.slave
     force = states[i].force[surface.nodes]
     node = surface.nodes[np.argmax(np.linalg.norm(force, axis=1))]
@@ -124,14 +124,14 @@ def leave_inside(solved, states):
 
 
 def sink(solved, states):
-    """The slave's body goes down without forces, or what is below a tool up."""
+    """Move the slave body down without forces, or up if it is below a tool."""
     i, _ = solved.slave
     up = 1 if solved.stage.tool is not None else -1
     states[i].u[:, solved.stage.up] += up * 0.1 * solved.stage.L
 
 
 def lift(solved, states):
-    """Forces stay where bodies part."""
+    """Keep the forces where bodies separate."""
     i, _ = solved.slave
     up = -1 if solved.stage.tool is not None else 1
     states[i].u[:, solved.stage.up] += up * 0.03 * solved.stage.L
@@ -162,24 +162,24 @@ def not_a_number(solved, states):
 
 
 def tilt_forces(solved, states):
-    """Forces on a plane's opponent lean by a thousandth."""
+    """Tilt the forces on the opponent of a plane by a thousandth."""
     i, surface = solved.slave
     force = states[i].force
     force[surface.nodes, 0] += 1e-3 * force[surface.nodes, 1]
 
 
 def move_couples(solved, states):
-    """The nodal forces of one body change places: their sum stays, and their moment does not."""
+    """Permute the nodal forces of one body: their sum is kept, their moment is not."""
     i, surface = solved.slave
     order = surface.nodes[np.argsort(states[i].x[surface.nodes, 0])]
     states[i].force[order] = states[i].force[order[::-1]]
 
 
-# --- What is planted into readings, by field
+# --- Faults planted in the library's results, by field
 
 
 def scale(field, factor=1.01):
-    """A reading of all nodes, times a factor."""
+    """Multiply a result at all nodes by a factor."""
 
     def plant(reading):
         return dataclasses.replace(reading, **{field: factor * getattr(reading, field)})
@@ -204,11 +204,11 @@ def open_all(reading):
 
 
 def without_friction(reading):
-    """What the library would say if friction did not act where conditions move nodes."""
+    """Remove friction from the results at nodes that conditions move."""
     return dataclasses.replace(reading, tangential=0 * reading.tangential)
 
 
-#: What is planted, in which kinds of scenes, and the audit that has to notice it.
+#: Planted faults, the kinds of scenes with them, and the audit that must detect them.
 PLANTED = [
     (flip, ("node by node", "overlay", "loaded", "sphere", "large"), "tension"),
     (add_one_percent, ("node by node", "overlay", "3D, degree 2", "tied", "large"), "action"),
@@ -227,7 +227,7 @@ PLANTED = [
     (not_a_number, tuple(KINDS), "finite"),
 ]
 
-#: What is planted into readings, in which kinds of scenes, and the audit that has to notice it.
+#: Faults planted in results, the kinds of scenes with them, and the audit that must detect them.
 READINGS = [
     (scale("traction"), tuple(KINDS), "traction"),
     (scale("tangential"), ("node by node", "3D, degree 2", "sphere"), "traction"),
@@ -264,7 +264,7 @@ def test_planted_faults(kind):
 
 @pytest.mark.parametrize("kind", ("node by node", "3D, degree 2", "large"))
 def test_one_displacement(kind):
-    """An unknown that is changed by a millionth of the scene's length is seen in the residual."""
+    """A change of an unknown by a millionth of the scene's length is detected in the residual."""
     solved = Solved(KINDS[kind])
     stage = solved.stage
     body = stage.bodies[0]
@@ -281,7 +281,7 @@ def test_one_displacement(kind):
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral", "tetrahedron", "hexahedron"))
 @pytest.mark.parametrize("degree", (1, 2))
 def test_surface(cell, degree):
-    """Area, normals and functions of degree 1 of a box' face."""
+    """Area, normals and functions of degree 1 of the face of a box."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     msh = box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered")
     V = fem.functionspace(msh, ("Lagrange", degree, (gdim,)))
@@ -304,7 +304,7 @@ def test_surface(cell, degree):
 
 
 def test_nodes_of_degree_two_alone():
-    """A node elsewhere on a facet is refused."""
+    """A node elsewhere on a facet raises an error."""
     x = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.3, 0, 0], [0, 1.0, 0]])
     with pytest.raises(ValueError, match="where one of degree 2 would be"):
         assemble_surface(np.array([[0, 1, 2]]), np.array([3]), 2, 2, x)

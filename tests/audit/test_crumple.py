@@ -1,4 +1,4 @@
-"""A few bodies that are crumpled until they touch themselves; many by tests/audit/crumple.py."""
+"""Crumple a few bodies into self-contact; tests/audit/crumple.py runs many."""
 
 import pytest
 from audit.crumple import run

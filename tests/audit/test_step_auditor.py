@@ -1,4 +1,4 @@
-"""The auditor of time steps finds faults that are planted into a step, and none in the step."""
+"""Test that the auditor of time steps finds faults planted in a step, and none without them."""
 
 import dataclasses
 
@@ -106,7 +106,7 @@ KINDS = {
 
 
 class Made:
-    """A history up to the end of its last step, whose places are read once and may be tampered."""
+    """A history at the end of its last step; positions are read once and may be modified."""
 
     def __init__(self, history):
         self.play = Play(history)
@@ -122,11 +122,11 @@ class Made:
 
     @property
     def slave(self):
-        """Index of the slave's body."""
+        """Return the index of the slave body."""
         return 0 if self.tool is not None or self.play.history.swapped else 1
 
     def names(self, plant):
-        """Audits that notice what is planted into copies of the places, or of the auditor."""
+        """Return the audits that detect a fault in copies of the positions, or in the auditor."""
         auditor, kept = self.auditor, dict(vars(self.auditor))
         bodies = [
             dataclasses.replace(b, **{k: v.copy() for k, v in vars(b).items()}) for b in self.bodies
@@ -144,13 +144,13 @@ def surface_nodes(made):
 
 
 def on_surfaces(made, bodies):
-    """Forces of all contact nodes."""
+    """Yield the forces of all contact nodes."""
     for i, body in enumerate(bodies):
         yield body, made.auditor.surfaces[i].nodes
 
 
 def flip(made, bodies):
-    """The largest contact force pulls."""
+    """Reverse the largest contact force, so that it pulls."""
     force, nodes = bodies[made.slave].force, surface_nodes(made)
     force[nodes[np.argmax(np.linalg.norm(force[nodes], axis=1))]] *= -1
 
@@ -166,14 +166,14 @@ def leave_inside(made, bodies):
 
 
 def sink(made, bodies):
-    """The slave's body is deeper in the other than forces tell."""
+    """Move the slave body deeper into the other body than forces explain."""
     play, body = made.play, bodies[made.slave]
     up = 1 if made.slave == 0 else -1
     body.now[:, play.up] += up * 0.05 * play.L
 
 
 def lift(made, bodies):
-    """Forces stay where bodies part."""
+    """Keep the forces where bodies separate."""
     play, body = made.play, bodies[made.slave]
     up = -1 if made.slave == 0 else 1
     body.now[:, play.up] += up * 0.03 * play.L
@@ -186,7 +186,7 @@ def push_sideways(made, bodies):
 
 
 def reverse_friction(made, bodies):
-    """Where all nodes are vertices."""
+    """Reverse friction on both sides; needs all nodes to be vertices."""
     for side in made.auditor.sides(bodies, made.tool):
         if not isinstance(side.own, FacetTool):
             side.body.force[side.own.surface.vertices] -= 2 * side.tangential
@@ -198,7 +198,7 @@ def halve_friction(made, bodies):
 
 
 def slip_back(made, bodies):
-    """The bodies have slid by as much the other way in this step."""
+    """Make the bodies slide by a distance in the opposite direction in this step."""
     for body in bodies[1:] or bodies:
         way = 0.2 * made.play.L * (1 if made.slave or len(bodies) > 1 else -1)
         body.before[:, 0] += way
@@ -209,7 +209,7 @@ def not_a_number(made, bodies):
 
 
 def move_a_node(made, bodies):
-    """A mesh is not where velocities, or the reference, have it."""
+    """Move a node of the mesh away from its position by velocities, or of the reference."""
     node = np.argmax(made.auditor.vertices(0))
     bodies[0].now[node] += 1e-5 * made.play.L
     bodies[0].first[node] += 1e-5 * made.play.L
@@ -220,7 +220,7 @@ def solve_elsewhere(made, bodies):
 
 
 def slip_at_the_end(made, bodies):
-    """What is held is elsewhere than it was told to be."""
+    """Move the held nodes away from their prescribed positions."""
     bodies[0].now[:, 0] += 1e-5 * made.play.L
 
 
@@ -240,7 +240,7 @@ def lose_time(made, bodies):
 
 
 def forget_friction(made, bodies):
-    """What the step began with counts for nothing."""
+    """Set the friction at the start of the step to zero."""
     stress, pushed = made.auditor.friction
     made.auditor.friction = 0 * stress, pushed
 
@@ -254,31 +254,31 @@ def diverge(made, bodies):
 
 
 def creep(made, bodies):
-    """Ties have moved by the hundredth part of a facet that no force explains."""
+    """Move ties by a hundredth of a facet without a force that explains it."""
     bodies[made.slave].now[:, 0] += 0.01 * made.play.L
 
 
 def take_more(made, bodies):
-    """Friction takes three times what its forces do."""
+    """Report three times the frictional energy of the forces."""
     taken = made.play.contact.step_dissipation()
     joint = made.auditor.joint
     made.auditor.joint = dataclasses.replace(joint, dissipated=lambda: 3 * taken)
 
 
 def take_nothing(made, bodies):
-    """Friction takes hardly anything of what its forces do."""
+    """Report almost no frictional energy."""
     joint = made.auditor.joint
     made.auditor.joint = dataclasses.replace(joint, dissipated=lambda: 0.0)
 
 
 def tilt_forces(made, bodies):
-    """Forces on a flat tool lean by a thousandth."""
+    """Tilt the forces on a flat tool by a thousandth."""
     force, nodes = bodies[made.slave].force, surface_nodes(made)
     force[nodes, 0] += 1e-3 * force[nodes, 1]
 
 
 def turn_without_gap(made, bodies):
-    """The master's face turns about itself: what the slave is tied to has turned away."""
+    """Rotate the master's face about itself, under the tied slave."""
     i = 1 - made.slave
     now, nodes = bodies[i].now, made.auditor.surfaces[i].nodes
     turn = Motion.about([0.0, 0.0, 0.03], now[nodes].mean(axis=0))
@@ -286,7 +286,7 @@ def turn_without_gap(made, bodies):
 
 
 def swap_forces(made, bodies):
-    """The nodal forces of a body change places: their sum stays, and their moment does not."""
+    """Permute the nodal forces of a body: their sum is kept, their moment is not."""
     body = bodies[made.slave]
     order = surface_nodes(made)
     order = order[np.argsort(body.now[order, 0])]
@@ -294,7 +294,7 @@ def swap_forces(made, bodies):
 
 
 def scale_reading(field, factor=1.01):
-    """What the library says of all nodes, times a factor."""
+    """Multiply the library's results at all nodes by a factor."""
 
     def plant(made, bodies):
         read = type(made.auditor).read_contact
@@ -312,7 +312,7 @@ def scale_reading(field, factor=1.01):
 
 
 def forget_fields(made, bodies):
-    """Fields are those of another time."""
+    """Return fields of another time."""
     read = type(made.auditor).read_contact
     made.auditor.read_contact = lambda: [
         dataclasses.replace(r, fields={k: 0 * f for k, f in r.fields.items()})
@@ -326,7 +326,7 @@ OPEN = tuple(kind for kind in ALL if kind not in TIED)
 TOOLS = ("plane", "driven", "facets", "flat facets", "sticking", "tied to a plane")
 LIMITED = ("blocks", "plane", "driven")
 
-#: What is planted, in which kinds of histories, and the audit that has to notice it.
+#: Planted faults, the kinds of histories with them, and the audit that must detect them.
 PLANTED = [
     (flip, ("blocks", "plane", "driven", "facets"), "tension"),
     (add_one_percent, ALL, "reported"),
@@ -377,7 +377,7 @@ def test_planted_faults(kind):
 
 
 def test_a_restart_from_elsewhere():
-    """A continued history that starts with another velocity is noticed."""
+    """A restarted history that starts with another velocity is detected."""
     history = dataclasses.replace(KINDS["tied to a plane"], restarted=1)
     for factor in (1.0, 1.5):
         historian = Historian(history)

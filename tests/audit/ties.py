@@ -1,4 +1,4 @@
-"""Ties: their jump, in which what is between the surfaces turns with the facets of the opponent."""
+"""Jump of ties: the gap vector between the surfaces rotates with the facets of the opponent."""
 
 import numpy as np
 from audit.distance import Meshed
@@ -6,32 +6,32 @@ from fuzz.brute import dot, unit
 
 
 def jump(side):
-    """u_s - u_m - (R - 1) d at a side's points, R being the rotation of what they face."""
+    """Return u_s - u_m - (R - 1) d at a side's points; R is the rotation of the opposite facets."""
     out = side.jump
     if not isinstance(side.opponent, Meshed) or side.opponent.rigid:
-        return out  # a tool takes along what is tied to it
+        return out  # a tool carries with it what is tied to it
     d = side.points - faced(side.opponent, side.rest)
     R = rotations(side.opponent, side.rest)
     return out - (np.einsum("pij,pj->pi", R, d) - d)
 
 
 def faced(opponent, found, deformed=False):
-    """Places of what points face."""
+    """Return the positions of the points opposite to the given points."""
     x = opponent.body.x + (opponent.body.u if deformed else 0.0)
     return np.einsum("pi,pij->pj", found.weights, x[found.nodes])
 
 
 def rotations(opponent, found):
-    """Rotations of an opponent's facets at what points face, shape (points, 3, 3).
+    """Return the rotations of an opponent's facets at the opposite points, shape (points, 3, 3).
 
-    The normal stays normal, and orthonormal directions of the facet turn by their mean angle.
+    The normal stays normal; orthonormal directions of the facet rotate by their mean angle.
     """
     body = opponent.body
     rest, now = (tangents(c[found.nodes], found.weights) for c in (body.x, body.x + body.u))
     n, m = (unit(np.cross(*t)) for t in (rest, now))
     first = unit(rest[0])
     second = np.cross(n, first)
-    # What the deformation makes of the two, both being combinations of the tangents at rest.
+    # Images of the two directions; both are combinations of the undeformed tangents.
     made = []
     for direction in (first, second):
         gram = np.array([[dot(a, b) for b in rest] for a in rest]).transpose(2, 0, 1)
@@ -45,7 +45,7 @@ def rotations(opponent, found):
 
 
 def tangents(corners, weights):
-    """Two tangents of segments, triangles or quadrilaterals at places by their shape functions."""
+    """Return two tangents of segments, triangles or quadrilaterals at points by shape functions."""
     if corners.shape[1] == 2:
         z = np.zeros((len(corners), 3))
         z[:, 2] = 1.0
@@ -59,11 +59,11 @@ def tangents(corners, weights):
 
 
 def second_order(side, before=None):
-    """(R - R_0 - θ × R_0) d: what small rotations of what is between leave out (length).
+    """Return the error of small rotations of the gap vector, (R - R_0 - θ × R_0) d (length).
 
     Args:
         side: The side.
-        before: The side where R was R_0; None for no rotation.
+        before: The side with R = R_0; None for no rotation.
     """
     if not isinstance(side.opponent, Meshed) or side.opponent.rigid:
         return 0.0
@@ -74,6 +74,6 @@ def second_order(side, before=None):
 
 
 def arm(sides):
-    """Largest jump of points, by which forces that are opposite are apart (length)."""
+    """Return the largest jump of points: the distance between opposite forces (length)."""
     jumps = [np.linalg.norm(jump(s), axis=1).max(initial=0.0) for s in sides]
     return max(jumps)

@@ -1,4 +1,4 @@
-"""Elastic bodies, pairs of them and measures of error, of which the hard cases are made."""
+"""Make elastic bodies, pairs of them and measures of error for the hard cases."""
 
 from mpi4py import MPI
 
@@ -12,21 +12,21 @@ import qsdolfinx as qs
 
 NU = 0.3
 
-#: Newton iterations of the solves since a case began: see ``cases.run``.
+#: Newton iterations of the solves since the start of a case: see ``cases.run``.
 iterations: list[int] = []
 
 
 class Wrong(Exception):
-    """A case that has failed in another way than by its error."""
+    """A failure of a case other than a too large error."""
 
 
 def modulus(E=1.0, nu=NU):
-    """Stress over strain where strain is along one axis alone."""
+    """Return the ratio of stress to strain for strain along one axis only."""
     return E * (1 - nu) / (1 + nu) / (1 - 2 * nu)
 
 
 def lattice(cell, *lines):
-    """Mesh of a box with its planes across each axis at given places."""
+    """Mesh a box with grid planes at given positions along each axis."""
     n = [len(line) - 1 for line in lines]
     create = mesh.create_rectangle if len(n) == 2 else mesh.create_box
     msh = create(WORLD, [[0.0] * len(n), [1.0] * len(n)], n, mesh.CellType[cell])
@@ -37,15 +37,15 @@ def lattice(cell, *lines):
 
 
 class Body:
-    """An elastic body: linear, or of neo-Hooke's material; plane strain in 2D.
+    """An elastic body, linear or neo-Hookean; plane strain in 2D.
 
     Args:
         msh: Mesh.
         E: Modulus.
         nu: Poisson's ratio.
-        large: Whether it is of neo-Hooke's material.
-        degree: Of displacements.
-        rule: Degree of the quadrature in its cells; by default what FFCx estimates.
+        large: Whether the material is neo-Hookean.
+        degree: Degree of the displacements.
+        rule: Quadrature degree in its cells; by default the estimate of FFCx.
     """
 
     def __init__(self, msh, E=1.0, nu=NU, large=False, degree=1, rule=None):
@@ -55,7 +55,7 @@ class Body:
         self.high = np.array([WORLD.allreduce(c.max(initial=-np.inf), op=MPI.MAX) for c in x.T])
         self.V = fem.functionspace(msh, ("Lagrange", degree, (self.gdim,)))
         self.u, self.v = fem.Function(self.V), ufl.TestFunction(self.V)
-        # Constants, so that the forms of all bodies are the same.
+        # Constants, so that all bodies have the same compiled forms.
         if large:
             constants = E / 2 / (1 + nu), E * nu / (1 + nu) / (1 - 2 * nu)
             law = qs.materials.neo_hookean
@@ -66,7 +66,7 @@ class Body:
         self.F, self.bcs = ufl.inner(self.stress, ufl.grad(self.v)) * dx, []
 
     def facets(self, axis, value, where=None):
-        """Boundary facets on a plane across an axis, or those whose vertices are somewhere."""
+        """Return boundary facets on a plane normal to an axis; ``where`` can select among them."""
         close = 1e-9 * np.max(self.high - self.low)
 
         def found(x):
@@ -75,7 +75,7 @@ class Body:
         return mesh.locate_entities_boundary(self.mesh, self.gdim - 1, found)
 
     def hold(self, facets, value=0.0, axis=None):
-        """Hold all components, or one, at a Function's or constant value; returns what it is."""
+        """Prescribe all components, or one, by a Function or a constant; return the value."""
         V = self.V if axis is None else self.V.sub(axis)
         if not isinstance(value, fem.Function):
             shape = (self.gdim,) if axis is None else ()
@@ -86,7 +86,7 @@ class Body:
         return value
 
     def load(self, facets, traction):
-        """Put a traction on facets, once for a body; returns what may be a Constant."""
+        """Apply a traction on facets, once per body; return the value, which may be a Constant."""
         assert len(self.F.integrals()) == 1
         if not isinstance(traction, ufl.core.expr.Expr):
             traction = fem.Constant(self.mesh, np.array(traction, dtype=float))
@@ -100,13 +100,13 @@ class Body:
         return qs.Surface(self.V, facets=self.facets(axis, value))
 
     def move(self, change):
-        """Move the mesh by a function of its coordinates, before anything else is made of it."""
+        """Move the mesh by a function of its coordinates, before anything else uses the mesh."""
         x = self.mesh.geometry.x
         x[:, :2] += change(x[:, 0].copy(), x[:, 1].copy())
 
 
 def rectangle(cells, low, high, *material, **options):
-    """A rectangle of quadrilaterals."""
+    """Make a rectangle of quadrilaterals."""
     kind = mesh.CellType.quadrilateral
     return Body(mesh.create_rectangle(WORLD, [low, high], list(cells), kind), *material, **options)
 
@@ -118,7 +118,7 @@ def problem(bodies, contacts, **options):
 
 
 def solve(p):
-    """Solve; a refused solve has to leave everything as it was. Returns the iterations."""
+    """Solve, and return the iterations; a refused solve must leave the unknowns unchanged."""
     before = [u.x.array.copy() for u in p.u]
     try:
         p.solve()
@@ -132,12 +132,12 @@ def solve(p):
 
 
 def difference(u, v):
-    """Largest difference of the unknowns of all bodies, relative to their size. Collective."""
+    """Return the largest relative difference of the unknowns of all bodies. Collective."""
     return largest(*(a.x.array - b for a, b in zip(u, v, strict=True))) / largest(*v)
 
 
 def balance(contact, length):
-    """Forces and moments of the two sides against each other, over force × length. Collective."""
+    """Return the imbalance of both sides' forces and moments over force × length. Collective."""
     forces = contact.force("slave"), contact.force("master")
     about = np.zeros(2)
     moments = contact.moment("slave", about), contact.moment("master", about)
@@ -151,23 +151,24 @@ def balance(contact, length):
 
 
 class Column:
-    """Two blocks of width and height 1 on each other, both strained along the last axis alone.
+    """Two stacked blocks of width and height 1, both strained along the last axis only.
 
-    The lower one, the master, is held at its lower end, and sides are guided: on any mesh the exact
-    traction is uniform.
+    The lower block, the master, is fixed at its lower end, and the sides are guided: on any mesh
+    the exact traction is uniform.
 
     Args:
-        variant: What it is solved with.
-        n: Cells of the lower and upper block across, or places of their nodes from 0 to 1.
+        variant: Variant of contact.
+        n: Numbers of cells of the lower and upper block across, or positions of their nodes from 0
+            to 1.
         cell: Shape of the cells.
-        heights: Of the upper block's layers; the lower one has them upside down.
-        ratio: Modulus of the upper block over that of the lower one.
-        nu: Of both.
-        gap: By which the upper block is raised.
-        offset: By which it is moved along x.
-        jitter: Part of the cell size by which inner nodes are moved at random.
-        large: Whether strains are.
-        options: For the contact.
+        heights: Heights of the layers of the upper block; the lower block has the reverse order.
+        ratio: Modulus of the upper block over the modulus of the lower block.
+        nu: Poisson's ratio of both blocks.
+        gap: Distance by which the upper block is raised.
+        offset: Distance by which the upper block is moved along x.
+        jitter: Fraction of the cell size by which inner nodes are moved at random.
+        large: Whether strains are large.
+        options: Options of the contact.
     """
 
     def __init__(
@@ -219,15 +220,15 @@ class Column:
         return problem(self.bodies, [self.contact], **options)
 
     def compliance(self):
-        """Shortening over pressure, the penalty's included."""
+        """Return the ratio of shortening to pressure, including the penalty."""
         gap = 0.0 if self.variant.augmented else 1 / self.contact.penalty
         return (1 + 1 / self.ratio) / modulus(nu=self.nu) + gap
 
     def error(self, pressure):
-        """What is wrong with a state of uniform pressure. Collective.
+        """Return the error of a state of uniform pressure. Collective.
 
-        The forces and, on the overlay, the tractions at every node. At nodes the patch test fails
-        on meshes that do not match.
+        Compares the forces and, on the overlay, the tractions at every node. With nodal quadrature
+        the patch test fails on non-matching meshes.
         """
         errors = []
         for side, sign in (("slave", 1), ("master", -1)):
@@ -240,7 +241,7 @@ class Column:
 
 
 def perturb(msh, amplitude, seed):
-    """Move nodes along the interface and inside, but not across planes that bound the body."""
+    """Move nodes along the interface and inside, but not across the boundary planes of the body."""
     if amplitude == 0:
         return
     x, gdim = msh.geometry.x, msh.geometry.dim
@@ -257,15 +258,15 @@ def perturb(msh, amplitude, seed):
 
 
 class Punch:
-    """A curved punch that is pressed into a block by a displacement of its upper end.
+    """A curved punch that is pressed into a block by the displacement of its upper end.
 
     Args:
-        variant: What it is solved with.
+        variant: Variant of contact.
         unit: Length of a metre.
-        E: Of the block in newtons per metre²; the punch has twice as much.
-        n: Cells along the block and the punch.
-        depth: How far the end comes down.
-        options: For the contact.
+        E: Modulus of the block in newtons per metre²; the modulus of the punch is twice as large.
+        n: Numbers of cells along the block and the punch.
+        depth: Downward displacement of the end.
+        options: Options of the contact.
     """
 
     def __init__(self, variant, unit=1.0, E=1.0, n=((32, 12), (12, 6)), depth=0.1, **options):
@@ -287,6 +288,6 @@ class Punch:
         return problem(self.bodies, [self.contact], **options)
 
     def state(self):
-        """Displacements over the unit, and forces over E and the unit. Collective."""
+        """Return displacements over the unit, and forces over E and the unit. Collective."""
         forces = self.contact.force("slave") / (self.E * self.unit)
         return [b.u.x.array / self.unit for b in self.bodies] + [forces]

@@ -1,4 +1,4 @@
-"""What a hard case is, the variants that it is solved with, and running one."""
+"""Define a hard case, the variants of contact that solve it, and how it is run."""
 
 import contextlib
 import dataclasses
@@ -17,7 +17,7 @@ from qsdolfinx.linear import presets
 
 @contextlib.contextmanager
 def iterative():
-    """Multigrid for displacements, and Schur complements for flow, whatever the size."""
+    """Use multigrid for displacements, and Schur complements for flow, for problems of any size."""
     always = dict.fromkeys(presets.LARGE, 0)
     of_flow = dict.fromkeys(presets.LARGE_FLOW, 0)
     with mock.patch.multiple(presets, LARGE=always, LARGE_FLOW=of_flow):
@@ -25,7 +25,7 @@ def iterative():
 
 
 class Variant(typing.NamedTuple):
-    """What a contact is solved with."""
+    """Variant of contact for a case."""
 
     formulation: str = "quasi-symmetric"
     quadrature: str = "overlay"
@@ -44,11 +44,12 @@ class Variant(typing.NamedTuple):
 
     @property
     def exact_gaps(self):
-        """Options with which what the gap's tolerance leaves is of no interest."""
+        """Options that make the gap left by the tolerance negligible."""
         return {"gap_tolerance": 1e-11} if self.augmented else {}
 
 
-#: Multipliers on both sides of a double pass cannot close every gap, and are refused.
+#: Without double-pass contact with an augmented Lagrangian, which cannot close every gap and is
+#: refused.
 VARIANTS = [
     Variant(*v)
     for v in itertools.product(
@@ -59,7 +60,7 @@ VARIANTS = [
     if v[0] != "double-pass" or v[2] == "penalty"
 ]
 
-#: What most cases are run with after each change.
+#: Variants that run for most cases after each change.
 SHORT = (
     Variant(),
     Variant(quadrature="nodal"),
@@ -73,14 +74,14 @@ class Case:
 
     Attributes:
         name: Number and name of the group, such as ``"1 stiffness"``.
-        label: What is done.
-        what: The error or invariant.
-        allowed: Its largest value.
-        run: Makes it; returns the error.
-        short: Whether it is run after each change.
-        most: Largest number of Newton iterations of a solve.
-        refusal: Part of the message with which it has to be refused, if it has to.
-        known: Why the answer is another one, or none, where that is known.
+        label: Description of the case.
+        what: Name of the error or invariant.
+        allowed: Largest allowed value.
+        run: Function that runs the case and returns the error.
+        short: Whether the case runs after each change.
+        most: Largest allowed number of Newton iterations of a solve.
+        refusal: Part of the expected error message, if the case must be refused.
+        known: Reason for a known wrong result, or for a known refusal.
     """
 
     name: str
@@ -96,14 +97,14 @@ class Case:
 
 @dataclasses.dataclass
 class Result:
-    """What came out of a case.
+    """Result of a case.
 
     Attributes:
-        status: ``"right"``; ``"refused"``: an error was raised and the state is that before; or
-            ``"wrong"``: an answer is off by more than is allowed.
-        error: As the case gives it, None if it was refused.
-        iterations: The most Newton iterations of a solve.
-        message: Of what was raised.
+        status: ``"right"``; ``"refused"``: an error was raised and the state is unchanged; or
+            ``"wrong"``: the error is larger than allowed.
+        error: Error that the case returns; None if it was refused.
+        iterations: Largest number of Newton iterations of a solve.
+        message: Message of the error that was raised.
     """
 
     case: Case
@@ -115,7 +116,7 @@ class Result:
 
     @property
     def expected(self):
-        """Whether this is what has to come out."""
+        """Whether the result is as expected."""
         return self.status == ("refused" if self.case.refusal else "right")
 
     def __str__(self):
@@ -126,7 +127,7 @@ class Result:
 
 
 def run(case, variant):
-    """Run a case; what it raises goes into the result, unless it is not qsdolfinx's to raise."""
+    """Run a case and return its result; errors that qsdolfinx raises are part of the result."""
     bodies.iterations.clear()
     error, message = None, ""
     try:

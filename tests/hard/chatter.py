@@ -1,4 +1,4 @@
-"""Case 5: sets of closed nodes that Newton's method could change for ever."""
+"""Case 5: active sets that Newton's method could change for ever."""
 
 import numpy as np
 from hard.bodies import (
@@ -18,9 +18,9 @@ import qsdolfinx as qs
 
 
 def touching(variant):
-    """Two blocks that just touch, without load: nothing moves, and nothing presses.
+    """Two blocks that just touch, without load: displacements and forces must vanish.
 
-    Once with the upper block's end moved to where it touches exactly, but for rounding.
+    In a second run the end of the upper block is moved until the blocks just touch, up to rounding.
     """
     found = []
     for gap in (0.0, 0.1):
@@ -37,7 +37,7 @@ def touching(variant):
 
 
 def bumpy(variant, n, depth):
-    """The column with its upper block's nodes at the interface moved up by a function of x."""
+    """The column with the upper block's interface nodes moved up by a function of x."""
     scene = Column(variant, n=n)
     scene.upper.move(lambda x, y: np.stack([0 * x, np.where(np.abs(y) < 1e-9, depth(x), 0)], 1))
     scene.contact.update()
@@ -45,7 +45,7 @@ def bumpy(variant, n, depth):
 
 
 def grazing(variant):
-    """Nodes within rounding of contact: gaps of ±1e-16 to 1e-9, in turn along the surface."""
+    """Nodes within rounding of contact: gaps of ±1e-16 to 1e-9, alternating along the surface."""
     errors = []
     for depth in (1e-16, 1e-13, 1e-11, 1e-9):
         scene, load = bumpy(variant, (12, 9), lambda x, d=depth: d * np.cos(9 * np.pi * x))
@@ -58,7 +58,7 @@ def grazing(variant):
 
 
 def wavy(variant):
-    """Wavy surfaces with as many bumps as there are facets, from light to heavy load."""
+    """Wavy surfaces with as many bumps as facets, from light to heavy load."""
     bumps = np.random.default_rng(5).uniform(0.0, 0.02, 64)
     scene, load = bumpy(variant, (16, 13), lambda x: bumps[np.round(13 * x).astype(int) % 64])
     p, errors = scene.problem(), []
@@ -87,7 +87,7 @@ def sharp(variant):
 
 
 def checkerboard(variant):
-    """First guesses in which every other node is closed, however they started."""
+    """Initial guesses in which every other node is active must give the same result."""
     scene = Punch(variant, n=((24, 8), (17, 5)), depth=0.15)
     p = scene.problem()
     solve(p)

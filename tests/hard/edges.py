@@ -10,7 +10,7 @@ import qsdolfinx as qs
 
 
 def overhang(variant, swap, gap):
-    """A block that overhangs another one by half of its length, pressed down on it."""
+    """A block that overhangs another block by half of its length, pressed down on it."""
     lower = rectangle((7, 4), [-1.0, -1.0], [1.0, 0.0])
     upper = rectangle((9, 4), [0.0, 0.0], [2.0, 1.0], 2.0)
     near, top = upper.facets(1, 0.0), upper.facets(1, 1.0)
@@ -29,15 +29,15 @@ def driven(variant, body, near, far, motion, **options):
     """A body whose far end follows a finite rigid motion, over a plate that ends at x = 1.
 
     Args:
-        variant: What it is solved with.
+        variant: Variant of contact.
         body: The body, the slave.
-        near: Its facets that may touch.
-        far: Its facets that are driven.
-        motion: Angle, centre and displacement at a time.
-        options: For the contact.
+        near: Its facets that can come into contact.
+        far: Its facets that are moved.
+        motion: Function of time: angle, centre and displacement.
+        options: Options of the contact.
 
     Returns:
-        The worst balance of the steps in contact; at the end it has to be lost.
+        The largest imbalance of the steps in contact; contact must be lost at the end.
     """
     plate = rectangle((10, 5), [-1.0, -1.0], [1.0, 0.0])
     plate.hold(plate.facets(1, -1.0))
@@ -70,7 +70,7 @@ def driven(variant, body, near, far, motion, **options):
 
 
 def corner(variant, **options):
-    """The corner of a tilted block is pressed on the plate and dragged off its end."""
+    """Press the corner of a tilted block on the plate and drag it off the plate's end."""
     body = rectangle((5, 5), [0.0, 0.0], [0.8, 0.8], 2.0, large=True)
     near, far = (
         np.unique(np.concatenate([body.facets(axis, at) for axis in (0, 1)])) for at in (0.0, 0.8)
@@ -85,7 +85,7 @@ def corner(variant, **options):
 
 
 def rolling(variant, **options):
-    """A stiffer rocker, a part of a ring with the radius 1, rolls off the end of the plate."""
+    """Roll a stiffer rocker, a part of a ring with the radius 1, off the end of the plate."""
     low, high = np.radians(-115), np.radians(-25)
     body = rectangle((20, 3), [low, 0.6], [high, 1.0], 10.0, large=True)
     near, far = body.facets(1, 1.0), body.facets(1, 0.6)
@@ -111,8 +111,9 @@ def cases(variant):
             label = f"overhang, {'plate' if swap else 'block'} is the slave, gap of {gap:g}"
             run = lambda s=swap, g=gap: overhang(variant, s, g)  # noqa: E731
             yield Case(name, label, what, 1e-10, run, short=True)
-    # Along bisectors forces have a lever, the penetration times the sine of half the angle between
-    # the normals; at nodes it may be a tenth of a facet, as far as nodes may be beside a surface.
+    # With bisector normals forces have a lever: the penetration times the sine of half the angle
+    # between the normals. With nodal quadrature the lever may be a tenth of a facet, the distance
+    # by which nodes may be beside a surface.
     facet, rough = {"normals": "facet"}, {"friction": qs.Coulomb(0.3)}
     short = variant in (Variant(), Variant(quadrature="nodal"))
     moves = [

@@ -1,4 +1,4 @@
-"""Case 12: the work of a loading cycle, and that of forging."""
+"""Case 12: energy balance of a loading cycle, and of forging."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ import qsdolfinx as qs
 
 
 class Cycle:
-    """A punch that is lowered and raised: what its drive does, and what the bodies store."""
+    """A punch that is lowered and raised: work of its drive, and energy stored in the bodies."""
 
     def __init__(self, variant):
         self.scene = scene = Punch(variant, n=((16, 6), (7, 3)))
@@ -30,7 +30,7 @@ class Cycle:
         self.height, self.force, self.work, self.size = 0.05, 0.0, 0.0, 0.0
 
     def to(self, height, steps):
-        """Go to a height; the work is found with the trapezoidal rule."""
+        """Go to a height; the work is summed by the trapezoidal rule."""
         for h in np.linspace(self.height, height, steps + 1)[1:]:
             self.scene.height.value = h
             solve(self.problem)
@@ -40,7 +40,7 @@ class Cycle:
             self.height, self.force = h, force
 
     def energy(self):
-        """Stored by the bodies and, with a penalty, by the contact. Collective."""
+        """Return the energy stored in the bodies and, with a penalty, in contact. Collective."""
         contact = 0.0 if self.variant.augmented else self.scene.contact.stored_energy()
         return integrals(self.stored) + contact
 
@@ -50,7 +50,7 @@ def integrals(forms):
 
 
 def returned(variant):
-    """All work comes back, whatever the contact did on the way."""
+    """All work is returned in a cycle, whatever the contact did."""
     cycle = Cycle(variant)
     for _ in range(3):
         cycle.to(-0.2, 10)
@@ -61,7 +61,7 @@ def returned(variant):
 
 
 def stored(variant):
-    """The work is what is stored, to the order of the rule: 4 times less with half the steps."""
+    """Work equals stored energy up to the order of the rule: 4 times less error, half the steps."""
     errors = []
     for steps in (16, 64):
         cycle = Cycle(variant)
@@ -73,11 +73,11 @@ def stored(variant):
 
 
 def forge(variant, steps):
-    """Part of the work of forging that is nowhere to be found.
+    """Return the fraction of the work of forging that the energy balance does not account for.
 
-    Flow and friction dissipate it, dies and penalty store it. Backward Euler takes another
-    ½ Δu·K Δu in each step for what is stored: as much as is stored by then in the first step, in
-    which the force jumps, and little later on; none of it depends on the length of steps.
+    Flow and friction dissipate the work, dies and penalty store it. Backward Euler adds ½ Δu·K Δu
+    to the stored energy in each step. In the first step, in which the force jumps, this addition
+    equals the energy stored by then; later it is small. No addition depends on the length of steps.
     """
     p = dataclasses.replace(
         Parameters(),

@@ -1,8 +1,9 @@
 """Case 11: incompressible viscoplastic flow at m = 0.05, at rest, and with a jump of the rate.
 
 A Norton-Hoff block of height and width 1 is pressed with a velocity V on an elastic die of the same
-width, which is guided at its sides. Flow is homogeneous: with the rate r, the pressure on the die
-is 4 K (4 r² + 3 ε̇₀²)^((m−1)/2) r, and r follows from V and how far the die, and the penalty, give.
+width, which is guided at its sides. The flow is homogeneous: at the rate r, the pressure on the die
+is 4 K (4 r² + 3 ε̇₀²)^((m−1)/2) r. r follows from V and the deformation of the die and of the
+penalty.
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ SLOW, FAST = 1e-3, 1e3
 
 
 class Upsetting:
-    """The block, in velocity and pressure, on its die."""
+    """The block, with velocity and pressure as unknowns, on its die."""
 
     def __init__(self, variant, floor=1e-3 * SLOW):
         self.variant, self.floor = variant, floor
@@ -38,7 +39,7 @@ class Upsetting:
         for side in (0.0, 1.0):
             die.hold(die.facets(0, side), axis=0)
         die.hold(die.facets(1, -1.0), axis=1)
-        # The automatic penalty is that of the rate it is first seen at.
+        # The automatic penalty belongs to the rate of the first solve.
         given = {"gap_tolerance": 1e-10} if variant.augmented else {"penalty": E_DIE}
         self.contact = qs.Contact(
             qs.Surface(V, facets=plane(msh, 1, 0.0)),
@@ -55,7 +56,7 @@ class Upsetting:
         )
 
     def error(self, velocity):
-        """Solve for a velocity of the upper end, from the state at hand; error of the pressure."""
+        """Solve for a velocity of the upper end, from the present state; return the error."""
         self.top.value = -velocity
         self.contact.set_dt(PUSH / velocity)
         solved = qs.solve_with_continuation(self.problem, self.m, M)
@@ -68,12 +69,12 @@ class Upsetting:
 
 
 def steady(variant):
-    """From rest to a steady rate."""
+    """Go from rest to a steady rate."""
     return Upsetting(variant, 1e-3).error(1.0)
 
 
 def at_rest(variant):
-    """Nothing moves, at m = 0.05 and from nothing: no velocity, no force."""
+    """No velocity and no force if nothing moves, at m = 0.05 and from a zero initial guess."""
     scene = Upsetting(variant)
     scene.m.value = M
     solve(scene.problem)
@@ -81,7 +82,7 @@ def at_rest(variant):
 
 
 def jump(variant):
-    """The rate jumps by 1e6, and back, from the state before."""
+    """The rate jumps by 1e6, and back, starting from the previous state."""
     scene = Upsetting(variant)
     return max(scene.error(velocity) for velocity in (SLOW, FAST, SLOW))
 

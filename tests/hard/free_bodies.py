@@ -1,4 +1,4 @@
-"""Case 7: bodies that nothing but contact holds, one or two of them in a stack of three."""
+"""Case 7: bodies that only contact supports, one or two of them in a stack of three."""
 
 import numpy as np
 from hard.bodies import problem, rectangle, solve
@@ -10,13 +10,13 @@ PRESSURE = 1e-3
 
 
 class Stack:
-    """A clamped base, a block on it and another on that, which frictionless contact holds alone.
+    """A clamped base and two blocks on top of it, which only frictionless contact supports.
 
     Args:
-        variant: What it is solved with.
+        variant: Variant of contact.
         half: Half the width of the upper block.
-        cells: Of the upper block along its width.
-        gap: Between each two.
+        cells: Number of cells of the upper block along its width.
+        gap: Gap between each two blocks.
     """
 
     def __init__(self, variant, half=0.75, cells=5, gap=0.0):
@@ -39,7 +39,7 @@ class Stack:
         self.y = 2.0 + 2 * gap
 
     def press(self, first, last, traction=(0.0, -PRESSURE)):
-        """Load the upper block's upper end between two x."""
+        """Load the upper block's upper end between two values of x."""
 
         def where(x):
             return (x[0] > first - 1e-9) & (x[0] < last + 1e-9)
@@ -49,7 +49,7 @@ class Stack:
         self.load = np.append(force, 0.5 * (first + last) * force[1] - self.y * force[0])
 
     def error(self):
-        """Solve; what of the forces and moments on the bodies is not in equilibrium. Collective."""
+        """Solve; return the imbalance of the forces and moments on the bodies. Collective."""
         solve(problem(self.bodies, self.contacts))
         lower, upper = (
             {
@@ -59,7 +59,7 @@ class Stack:
             for contact in self.contacts
         )
         rests = [upper["master"] + lower["slave"]]
-        if np.any(self.load):  # else it is held
+        if np.any(self.load):  # otherwise it is held
             rests.append(upper["slave"] + self.load)
         return np.abs(rests).max() / np.abs([upper["slave"], self.load]).max()
 
@@ -80,7 +80,7 @@ def pressed(variant, gap, first, last):
 
 
 def unbalanced(variant, kind):
-    """Loads which nothing can balance."""
+    """Loads that contact cannot balance."""
     if kind == "toppling":
         scene = Stack(variant, half=1.75, cells=7)
         scene.press(1.25, 1.75)

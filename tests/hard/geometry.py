@@ -1,9 +1,9 @@
 """Case 2: meshes of very different size, slivers, perturbed, nearly coincident and nested meshes.
 
-Two elastic blocks are pressed on each other between rigid walls: the exact traction is uniform.
-Overlay quadrature has it at every node. At nodes, where the patch test fails on meshes that do not
-match, the force is known where the slave's nodes are on the master's or the other way round, and
-otherwise bounded.
+Two elastic blocks are pressed together between rigid walls, so that the exact traction is uniform.
+Overlay quadrature reproduces it at every node. With nodal quadrature, where the patch test fails on
+non-matching meshes, the force is exact if the slave's nodes coincide with nodes of the master or
+the other way round. Otherwise only a bound is checked.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from hard.cases import SHORT, Case, Variant
 
 SHORTER = 1e-2
 OFFSETS = (1e-14, 1e-12, 1e-10, 1e-8, 1e-6)
-#: Largest error of the force with nodal quadrature on meshes that do not match.
+#: Largest error of the force with nodal quadrature on non-matching meshes.
 ROUGH = 0.1
-#: Why it may be larger.
+#: Reason for larger errors.
 DENTED = (
     "A master that is much finer than the slave is dented between the slave's nodes, where nothing "
     "presses on it: use the overlay, or make the finer body the slave."
@@ -22,14 +22,14 @@ DENTED = (
 
 
 def slivers(n, ratio):
-    """Places of nodes, where every other cell is smaller by the ratio."""
+    """Return node positions such that every other cell is smaller by the ratio."""
     sizes = np.where(np.arange(n) % 2, 1.0 / ratio, 1.0)
     places = np.concatenate([[0.0], np.cumsum(sizes)])
     return places / places[-1]
 
 
 def column(variant, cell, slave, master, near=0.5, **options):
-    """Error of the tractions; at nodes of the force."""
+    """Return the error of the tractions; with nodal quadrature that of the force."""
     heights = (0.0, near, 1.0)
     options |= variant.exact_gaps
     scene = Column(variant, (master, slave), cell, heights, **options)
@@ -42,7 +42,7 @@ def column(variant, cell, slave, master, near=0.5, **options):
 
 
 def meshes():
-    """Label, whether nodes are on each other, arguments of the column."""
+    """Yield label, whether nodes coincide, and arguments of the column."""
     for slave, master in ((2, 64), (64, 2)):
         yield f"slave:master {slave}:{master}, 2D", False, ("quadrilateral", slave, master), {}
     for slave, master in ((1, 32), (32, 1)):

@@ -15,7 +15,7 @@ CYCLES = 100
 
 
 def cycles(variant, number=CYCLES):
-    """Down, up and off, deeper down, half up: the same states in every cycle."""
+    """Down, up and off, deeper down, half up: the states of all cycles must agree."""
     scene = Punch(variant, n=((16, 6), (7, 3)))
     p, first, drift = scene.problem(), [], 0.0
     for _ in range(number):
@@ -30,10 +30,10 @@ def cycles(variant, number=CYCLES):
 
 
 def receding(variant):
-    """A layer on a block, pressed in the middle: it lifts off at its ends at once.
+    """A layer on a block, pressed in the middle, lifts off at its ends immediately.
 
-    Without gaps before, displacements and forces are as the load is: ten times the load, ten times
-    the displacements, on the same part of the surface.
+    Without initial gaps, displacements and forces are proportional to the load: ten times the load
+    gives ten times the displacements, with contact on the same part of the surface.
     """
     states, areas = [], []
     for pressure in (1e-4, 1e-3):
@@ -58,7 +58,7 @@ def receding(variant):
 
 
 class Sprung:
-    """The column, the upper end of which hangs in soft springs, and is pressed or pulled."""
+    """The column, with its upper end on soft springs, under pressure or tension."""
 
     stiffness = 1e-3
 
@@ -71,9 +71,10 @@ class Sprung:
         self.problem = self.scene.problem()
 
     def error(self, pressure):
-        """Solve with the unknowns as they are; the error of what carries the load.
+        """Solve from the present unknowns; return the equilibrium error of the load.
 
-        Pressed: contact and springs. Pulled: the body hangs in its springs, whole.
+        Under pressure, contact and springs carry the load; under tension only the springs do, and
+        the body moves as a rigid body.
         """
         self.load.value[1] = -pressure
         solve(self.problem)
@@ -90,7 +91,7 @@ def reversal(variant):
 
 
 def thrown(variant):
-    """The first guess is thrown up by half the height, upside down in part, or sunk in."""
+    """The initial guess is moved up by half the height, wavy, or penetrating."""
     scene = Sprung(variant)
     scene.error(1e-3)
     state, errors = [u.x.array.copy() for u in scene.problem.u], []

@@ -15,9 +15,10 @@ NAME, PRESSURE = "10 meeting", 1e-3
 def three(variant, swap, cells):
     """Two blocks side by side on a third, under the same pressure from all sides.
 
-    All contacts carry this pressure, exactly on the overlay. The lower block's upper face is in two
-    contacts, of which it is the slave with ``swap``. The corner where all three meet belongs to
-    nodes that are slaves twice: each contact has a multiplier of its own there, normal to itself.
+    All contacts carry this pressure, exactly on the overlay. The upper face of the lower block is
+    in two contacts; with ``swap`` it is the slave of both. The nodes at the corner where all three
+    meet are then slave nodes twice: each contact has its own multiplier there, along its own
+    normal.
     """
     left = rectangle((4, 4), [0.0, 0.0], [1.0, 1.0])
     right = rectangle((5, 3), [1.0, 0.0], [2.0, 1.0])
@@ -36,7 +37,7 @@ def three(variant, swap, cells):
     pairs = [(left.surface(1, 0.0), floor), (right.surface(1, 0.0), floor)]
     pairs = [pair[::-1] if swap else pair for pair in pairs]
     pairs.append((right.surface(0, 1.0), left.surface(0, 1.0)))
-    # A gap of a facet's 1e-8 would be 1e-6 of these small displacements.
+    # A gap of 1e-8 of a facet would be 1e-6 of these small displacements.
     contacts = [qs.Contact(*pair, gap_tolerance=1e-11, **variant.options) for pair in pairs]
     solve(problem((left, right, lower), contacts))
     of_blocks, of_floor = ("master", "slave") if swap else ("slave", "master")
@@ -57,7 +58,7 @@ def three(variant, swap, cells):
 
 
 def twice(variant):
-    """The same two surfaces in two contacts: together they carry the load."""
+    """The same two surfaces in two contacts carry the load together."""
     scene = Column(variant)
     pair = scene.contact.slave, scene.contact.master
     contacts = [scene.contact, qs.Contact(*pair, **variant.options)]

@@ -13,15 +13,16 @@ from dolfinx import fem, mesh
 import qsdolfinx as qs
 
 FACETS = 50
-#: Why the force is not the same after each of them.
+#: Reason for differences of the force after each facet.
 BESIDE = "Small; probably due to the choice of the facet when a node slides over a vertex."
 
 
 def slide(variant, facets=FACETS):
-    """A block is dragged over 50 facets of a slab, without friction.
+    """Drag a block over 50 facets of a slab, without friction.
 
-    After each whole facet the two meshes lie on each other as before. The slab is held so near to
-    its surface that its ends, ten thicknesses away, are not felt: the force stays the same.
+    After each whole facet the two meshes have the same relative position as before. The slab is
+    held so close to its surface that its ends, ten thicknesses away, have no influence: the force
+    must stay the same.
     """
     h = 0.25
     slab = Body(lattice("quadrilateral", np.arange(-40, facets + 44) * h, np.linspace(-1, 0, 3)))
@@ -41,7 +42,7 @@ def slide(variant, facets=FACETS):
         iterations.append(stepper.num_iterations)
         forces.append(contact.force("slave")[1])
     p.destroy()
-    forces = np.array(forces)[3:]  # steady since then
+    forces = np.array(forces)[3:]  # steady from here on
     return np.ptp(forces) / abs(forces.mean())
 
 
@@ -49,7 +50,7 @@ def slide(variant, facets=FACETS):
 
 
 def ring(inner, outer, n, layers, turned=0.0):
-    """A ring of quadrilaterals, n around."""
+    """Make a ring of quadrilaterals, n around."""
     angle = turned + 2 * math.pi * np.arange(n) / n
     radius = np.linspace(inner, outer, layers + 1)
     x = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)[None]
@@ -60,15 +61,15 @@ def ring(inner, outer, n, layers, turned=0.0):
 
 
 def circle(body, radius):
-    """Facets on a circle, whose nodes they do not leave by more than rounding."""
+    """Return the facets on a circle, whose nodes are on it up to rounding."""
     on = lambda x: np.abs(np.hypot(x[0], x[1]) - radius) < 1e-9  # noqa: E731
     return mesh.locate_entities_boundary(body.mesh, 1, on)
 
 
 def lame(a, b, c, widening):
-    """Pressure between two rings in plane strain, the inner widened at a, the outer held at c.
+    """Pressure between two rings in plane strain, the inner widened at a, the outer fixed at c.
 
-    u_r = A r + B / r in each.
+    In each ring u_r = A r + B / r.
     """
     mu, lmbda = 1 / 2 / (1 + NU), NU / (1 + NU) / (1 - 2 * NU)
     k, g = 2 * (lmbda + mu), 2 * mu  # σ_r = k A − g B / r²
@@ -83,7 +84,7 @@ def lame(a, b, c, widening):
 
 
 def rings(variant, what):
-    """A ring in a ring, closed surfaces that do not match, pressed together by its bore."""
+    """A ring in a ring, closed non-matching surfaces, pressed together by widening the bore."""
     a, b, c, widening = 0.5, 1.0, 1.5, 0.02
     inner, outer = ring(a, b, 64, 8), ring(b, c, 80, 8, turned=0.01)
     penalty = {} if variant.augmented else {"penalty": 1e3}
@@ -110,7 +111,7 @@ def rings(variant, what):
 
 
 def axis_rotation(gdim, degrees=30.0):
-    """Rotation in the plane, or about an axis that is none of the frame's."""
+    """Return a rotation in the plane, or about an axis that is not an axis of the frame."""
     angle = math.radians(degrees)
     if gdim == 2:
         return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
@@ -120,7 +121,7 @@ def axis_rotation(gdim, degrees=30.0):
 
 
 def punch(variant, cell, R):
-    """Displacements and force of a curved punch on a block, in the frame before the rotation."""
+    """Return displacements and force of a curved punch on a block, in the unrotated frame."""
     gdim = len(R)
     up = gdim - 1
     n, m = ((17, 10), (3, 2)) if gdim == 2 else ((7, 5), (2, 2))
@@ -148,7 +149,7 @@ def punch(variant, cell, R):
 
 
 def rotated(variant, cell):
-    """The punch in two frames: the same displacements and force."""
+    """The punch in two frames must have the same displacements and force."""
     gdim = 2 if cell in ("triangle", "quadrilateral") else 3
     a, force = punch(variant, cell, np.eye(gdim))
     b, other = punch(variant, cell, axis_rotation(gdim))

@@ -1,4 +1,4 @@
-"""Case 6: surfaces that penetrate each other at the start, or are some elements apart."""
+"""Case 6: surfaces with an initial penetration, or some elements apart."""
 
 import warnings
 
@@ -9,25 +9,25 @@ from scenes import largest
 
 import qsdolfinx as qs
 
-#: Facets of the finer side.
+#: Gaps in facets of the finer side.
 H = 0.2
 DEPTHS = (1e-6, 1e-2, 0.5, 1.0)
 GAPS = (0.5, 3.0, 8.0)
 
 
 def uniform(scene, shortening):
-    """Error of the force of two linear blocks that have to be shorter by this much together."""
+    """Return the error of the force of two linear blocks with a total shortening."""
     return abs(scene.contact.force("slave")[1] * scene.compliance() / shortening - 1)
 
 
 def overclosed(variant, depth, **options):
-    # Nodal rules have matching meshes here, since the force is to be known.
+    # Nodal quadrature has matching meshes here, so that the force is known.
     n = (5, 4) if variant.quadrature == "overlay" else (5, 5)
     return Column(variant, n=n, gap=-depth * H, **options)
 
 
 def resolved(variant, depth):
-    """An interference fit: the ends stay where they are, and the blocks share the depth."""
+    """An interference fit: the ends stay fixed, and the blocks share the overclosure."""
     scene = overclosed(variant, depth)
     scene.push(0.0)
     solve(scene.problem())
@@ -37,7 +37,7 @@ def resolved(variant, depth):
 
 
 def ignored(variant, depth):
-    """No stress at first, and then that of the load alone, also where contact pairs anew."""
+    """No stress at first, then that of the load alone, also after the contact pairs are updated."""
     scene = overclosed(variant, depth, initial_overclosure="ignore")
     height = scene.push(0.0)
     p = scene.problem()
@@ -46,7 +46,7 @@ def ignored(variant, depth):
     height.value = -1e-2
     solve(p)
     errors.append(uniform(scene, 1e-2))
-    scene.contact.update()  # which has forgotten nothing
+    scene.contact.update()  # which keeps the adjustment
     solve(p)
     return max(*errors, uniform(scene, 1e-2))
 
@@ -57,7 +57,7 @@ def refused(variant, depth):
 
 
 def touching(variant):
-    """What only rounding has overclosed is not refused."""
+    """Penetrations at rounding level are not refused."""
     scene = overclosed(variant, 1e-7, initial_overclosure="error")
     scene.push(-1e-3)
     solve(scene.problem())
@@ -65,7 +65,7 @@ def touching(variant):
 
 
 def shrunk(variant):
-    """Large strains, overclosed by an element and shrunk on in five solves, or at once."""
+    """Large strains, an overclosure of an element, shrunk on in five solves or in one."""
     found = []
     for parts in ((0.8, 0.6, 0.4, 0.2, 0.0), (0.0,)):
         scene = overclosed(variant, 1.0, large=True)
@@ -79,7 +79,7 @@ def shrunk(variant):
 
 
 def stretched(scene):
-    """Pressure at which two blocks of neo-Hooke's solid, in uniaxial strain, share the depth."""
+    """Return the pressure of two neo-Hookean blocks, in uniaxial strain, that share the depth."""
     mu, lmbda = 1 / 2 / (1 + NU), NU / (1 + NU) / (1 - 2 * NU)
     low, high = 0.8, 1.0
     for _ in range(80):
@@ -94,7 +94,7 @@ def stretched(scene):
 
 
 def closed(variant, gap):
-    """A gap of some facets, with a search radius that reaches over it."""
+    """A gap of some facets, within the search radius."""
     scene = overclosed(variant, -gap, search_radius=1.1 * gap * H)
     scene.push(-gap * H - 1e-2)
     solve(scene.problem())
@@ -102,7 +102,7 @@ def closed(variant, gap):
 
 
 def out_of_reach(variant):
-    """A gap beyond the search radius, over which the upper block comes down."""
+    """A gap beyond the search radius, which the upper block closes."""
     scene = overclosed(variant, -3.0)
     scene.push(-3.0 * H - 1e-2)
     with warnings.catch_warnings():
@@ -115,7 +115,7 @@ def out_of_reach(variant):
 
 
 def stepped(variant):
-    """The same in time steps, which pair anew where the bodies are: the gap comes into reach."""
+    """The same in time steps, which update the contact pairs: the gap comes within the radius."""
     scene = overclosed(variant, -3.0)
     height = scene.push(0.0)
 

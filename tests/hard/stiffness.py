@@ -1,4 +1,4 @@
-"""Case 1: bodies and penalties that are stiff or soft, nearly incompressible, and other units."""
+"""Case 1: stiff or soft bodies and penalties, nearly incompressible bodies, and other units."""
 
 from hard.bodies import Column, Punch, Wrong, solve
 from hard.cases import SHORT, Case
@@ -7,12 +7,12 @@ from scenes import largest
 NAME, PRESSURE = "1 stiffness", 1e-3
 RATIOS = (1.0, 1e4, 1e8, 1e-4, 1e-8)
 FACTORS = (1e-2, 1.0, 1e2, 1e4, 1e6, 1e8)
-#: Units: name, their number in a metre; E is 210 GPa in newtons per unit².
+#: Units: name and number per metre; E is 210 GPa in newtons per unit².
 UNITS = {"mm": 1e3, "µm": 1e6}
 
 
 def column(variant, **options):
-    """Uniform pressure, and how far the upper end comes down, which the overlay has exactly."""
+    """Return the error of pressure and displacement of the upper end; the overlay is exact."""
     scene = Column(variant, **variant.exact_gaps, **options)
     pressure = PRESSURE * min(1.0, scene.ratio)
     scene.press(pressure)
@@ -25,7 +25,7 @@ def column(variant, **options):
 
 
 def in_units(variant, name):
-    """The punch, in metres and in another unit."""
+    """Compare the punch in metres and in another unit."""
     metres, other = (Punch(variant, unit, 210e9) for unit in (1.0, UNITS[name]))
     count, iterations = (solve(scene.problem()) for scene in (metres, other))
     if iterations != count:
@@ -38,7 +38,7 @@ def in_units(variant, name):
 def cases(variant):
     what = "traction, shortening" if variant.quadrature == "overlay" else "force"
     short = variant in SHORT
-    # What is allowed grows with the condition number times the rounding unit.
+    # The allowed error grows with the condition number times the rounding unit.
     for ratio in RATIOS:
         yield Case(
             NAME,
@@ -47,7 +47,7 @@ def cases(variant):
             max(1e-8, 1e-14 * ratio),
             lambda r=ratio: column(variant, ratio=r),
             short and ratio in (1e-8, 1e8),
-            most=10,  # the residual cannot fall below rounding: Newton's method has to end there
+            most=10,  # the residual cannot fall below rounding: Newton's method must stop there
         )
     for factor in FACTORS:
         yield Case(

@@ -1,4 +1,4 @@
-"""The table of docs/hard-cases.md: every hard case, with every variant.
+"""Write the table of docs/hard-cases.md: every hard case, with every variant.
 
 python3 tests/hard/table.py                                    # all, a line each
 python3 tests/hard/table.py --groups stiffness edges           # some
@@ -33,25 +33,25 @@ GROUPS = (
     "energy",
 )
 
-#: Error that may be left where linear solves end with forces in balance to 1e-9.
+#: Allowed error where linear solves end with forces in balance to 1e-9.
 BALANCED = 1e-6
 
-#: Of the part of the page that is written; what is above it stays.
+#: Heading of the part of the page that is written; the text above it is kept.
 HEADING = "## Results\n"
 
 
 def cases(groups=GROUPS):
-    """All cases and the variants that they are solved with."""
+    """Return all cases and their variants."""
     modules = [importlib.import_module(f"hard.{group}") for group in groups]
     return [(case, v) for module in modules for v in VARIANTS for case in module.cases(v)]
 
 
 def write(results, others):
-    """The Markdown: a line for each case, then what is not as it should be.
+    """Yield the Markdown: a line for each case, then the unexpected results.
 
     Args:
-        results: Of the cases.
-        others: Of the same with iterative solvers.
+        results: Results of the cases.
+        others: Results of the same cases with iterative solvers.
     """
     yield f"""
 Written by `python3 tests/hard/table.py --markdown docs/hard-cases.md`. Each line summarises
@@ -94,7 +94,7 @@ wrong, or that are refused with unchanged unknowns, are listed below the table.
 
 
 def listed(results, order):
-    """Lines for what is not as it should be, alike variants together."""
+    """Return lines for unexpected results; variants with the same result share a line."""
     bad = [r for r in results if not r.expected]
     said = lambda r: (r.case.name, r.case.label, r.status, r.message.split("; residuals")[0])  # noqa: E731
     bad.sort(key=lambda r: (order.index((r.case.name, r.case.label)), said(r)))

@@ -1,4 +1,4 @@
-"""Hard cases with every variant; what is run after each change, and the rest with ``-m long``."""
+"""Run hard cases with every variant: some after each change, the rest with ``-m long``."""
 
 import collections
 import zlib
@@ -9,16 +9,16 @@ from hard.cases import SHORT, Variant, run
 from hard.table import cases
 from scenes import WORLD, spread_cells
 
-#: Of the short ones, the part that is run after each change: each case with some of its variants.
+#: One out of this many short cases runs after each change: each case with some of its variants.
 EVERY = 4
 
 
 def parameters():
-    """All cases."""
+    """Yield all cases."""
     counts = collections.Counter()
     for case, variant in cases():
         name = f"{case.name}, {case.label}"
-        order = counts[name] + zlib.crc32(name.encode())  # cases begin with one variant or another
+        order = counts[name] + zlib.crc32(name.encode())  # cases begin with different variants
         counts[name] += case.short
         runs = case.short and order % EVERY == 0
         yield pytest.param(
@@ -28,24 +28,24 @@ def parameters():
 
 @pytest.fixture(autouse=True)
 def scattered(monkeypatch):
-    """Both sides of a pair are on all ranks, in small pieces."""
+    """Both sides of a pair are on all ranks, in small parts."""
     with spread_cells(monkeypatch, "scattered"):
         yield
 
 
 @pytest.mark.parametrize(("case", "variant"), parameters())
 def test_case(case, variant):
-    """The right answer, or a refusal where that is right or where it is known why."""
+    """The result is right, or refused as required, or its failure is known."""
     result = run(case, variant)
     assert result.expected != bool(case.known), result
 
 
 @pytest.mark.parametrize("variant", SHORT, ids=str)
 def test_cycles(variant):
-    """Five of the hundred on and off."""
+    """Run five of the hundred load cycles."""
     assert lost_and_found.cycles(variant, 5) < 1e-8
 
 
 def test_sliding():
-    """Over 8 facets of the 50."""
+    """Run 8 facets of the 50."""
     assert max(WORLD.allgather(motion.slide(Variant(), 8))) < 1e-6

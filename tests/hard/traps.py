@@ -1,7 +1,7 @@
-"""Case 3: projections that have two answers, or hardly one.
+"""Case 3: projections that have two solutions, or are barely defined.
 
-A tetrahedron (2D: triangle) whose tip points down is above a surface with an edge, a corner, a
-groove, a pit, an end, or two faces. How far away the surface is from the tip is known.
+A tetrahedron (2D: triangle) with its tip down is above a surface with an edge, a corner, a groove,
+a pit, an end, or two faces. The distance of the surface from the tip is known.
 """
 
 import itertools
@@ -17,10 +17,10 @@ from dolfinx import mesh
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
 
-#: Height of the tip above the place that is meant.
+#: Height of the tip above the intended point.
 D = 0.05
 
-#: Height of the surface over a horizontal place (x, y), and distance of a tip above the origin.
+#: Height of the surface at a horizontal position (x, y), and distance of a tip above the origin.
 SURFACES = {
     "edge": (lambda x, y: -np.abs(x), D),
     "corner": (lambda x, y: -np.abs(x) - np.abs(y), D),
@@ -31,7 +31,7 @@ SURFACES = {
 
 
 def surface_of(msh, facets=None):
-    """A contact surface: these facets, or the whole boundary."""
+    """Make a contact surface of these facets, or of the whole boundary."""
     if facets is None:
         msh.topology.create_connectivity(msh.topology.dim - 1, msh.topology.dim)
         facets = mesh.exterior_facet_indices(msh.topology)
@@ -39,13 +39,13 @@ def surface_of(msh, facets=None):
 
 
 def box(gdim, n=4):
-    """Vertices of a block over [-1/2, 1/2], one cell high, its cells, and their shape."""
+    """Return vertices of a block over [-1/2, 1/2], one cell high, its cells, and their shape."""
     x, cells = lattice([n] * (gdim - 1) + [1])
     return x, cells, "quadrilateral" if gdim == 2 else "hexahedron"
 
 
 def tip(gdim, place):
-    """Surface of a small simplex whose lowest vertex is at a place."""
+    """Make the surface of a small simplex whose lowest vertex is at a given point."""
     spread = 0.01
     corners = {
         2: [[0, 0], [-1, 2], [1, 2]],
@@ -62,14 +62,14 @@ def tip(gdim, place):
 
 
 def block_under(gdim, height, n=4, seed=None, simplex=False):
-    """Block over [-1, 1]^(gdim-1) whose upper side has a given height, from -3 on.
+    """Make a block over [-1, 1]^(gdim-1) from -3 up to an upper side of a given height.
 
     Args:
-        gdim: Dimension.
+        gdim: Dimension of space.
         height: Function of x and y.
-        n: Cells along each edge, even.
-        seed: Of a random order of vertices and cells.
-        simplex: Whether it is of triangles or tetrahedra.
+        n: Number of cells along each edge, even.
+        seed: Seed of a random order of vertices and cells.
+        simplex: Whether the cells are triangles or tetrahedra.
     """
     x, cells, cell = box(gdim, n)
     x, upper = 2 * x, x[:, -1] > 0
@@ -95,7 +95,7 @@ def block_under(gdim, height, n=4, seed=None, simplex=False):
 
 
 def onto(surface, place):
-    """Where a tip at a place is projected to, or None, and how far that is. Collective."""
+    """Return the projection of a tip, or None, and its distance. Collective."""
     contact = qs.Contact(
         tip(len(place), place),
         surface,
@@ -103,7 +103,7 @@ def onto(surface, place):
         quadrature="nodal",
         penalty=1.0,
         search_radius=1.0,
-        initial_overclosure="ignore",  # places may be inside
+        initial_overclosure="ignore",  # points may be inside
     )
     target, p = np.pad(place, (0, 3 - len(place))), contact.pairing
     here = p.master.x[np.linalg.norm(p.slave.x - target, axis=1) < 1e-9]
@@ -112,7 +112,7 @@ def onto(surface, place):
 
 
 def over(gdim, name, simplex):
-    """Error of the distance over a feature, in any order of cells and vertices; the same facet."""
+    """Return the error of distance and place over a feature, for orders of cells and vertices."""
     height, distance = SURFACES[name]
     place = np.eye(gdim)[-1] * D
     orders = (None, 1, 2, 3, 4)
@@ -126,7 +126,7 @@ def over(gdim, name, simplex):
 
 
 def beyond(gdim, off):
-    """Whether a tip beyond the end of a flat surface is paired: it is as long as it is near."""
+    """A tip beyond the end of a flat surface must be paired only if it is near."""
     place = np.eye(gdim)[-1] * D
     place[0] += 1.0 + off
     x, far = onto(block_under(gdim, lambda x, y: 0 * x), place)
@@ -136,16 +136,16 @@ def beyond(gdim, off):
 
 
 def thin_plate(gdim, thickness):
-    """Tips above and below a plate that is far thinner than the radius: each gets its own side."""
+    """Tips above and below a plate that is far thinner than the radius must find their own side."""
     worst = 0.0
     for side in (1.0, -1.0):
         x, cells, cell = box(gdim)
         x[:, -1] = np.where(x[:, -1] > 0, 0.0, -thickness)
-        if side < 0:  # turned upside down
+        if side < 0:  # upside down
             x[:, -1] = -thickness - x[:, -1]
             cells = cells[:, np.arange(cells.shape[1]) ^ (1 << (gdim - 1))]
         surface = surface_of(make_mesh(WORLD, Shape(x, cells, cell), 0))
-        # Above the plate, in it and, by rounding, on either face.
+        # Above the plate, inside it and, up to rounding, on either face.
         for height in (D, 1e-14, 0.0, -1e-14, -0.3 * thickness, -0.9 * thickness, -thickness):
             place = np.full(gdim, 0.03)
             place[-1] = height
@@ -169,12 +169,12 @@ ORDERS = (
 
 
 def warped(height, h):
-    """Non-planar quadrilateral z = h xy, and a point over its middle that has two projections.
+    """A point over the middle of a non-planar quadrilateral z = h xy has two projections.
 
-    Both are equally far: the answer is one of them, the same in any order of the vertices.
+    Both have the same distance: the result is one of them, for any order of the vertices.
     """
     v = np.array([[x, y, h * x * y] for y, x in itertools.product((-1, 1), (-1, 1))], dtype=float)
-    s = np.linspace(-1, 1, 2001)  # both lie on the diagonal where the patch comes nearer
+    s = np.linspace(-1, 1, 2001)  # both lie on the diagonal that is closer to the point
     curve = np.stack([s, s * np.sign(h * height), h * np.sign(h * height) * s * s], axis=1)
     expected = np.linalg.norm(curve - [0, 0, height], axis=1).min()
     found = []
@@ -187,7 +187,7 @@ def warped(height, h):
 
 
 def cases(variant):
-    """Projections do not depend on the variant: for one alone."""
+    """Projections do not depend on the variant: run them for one variant."""
     if variant != Variant(quadrature="nodal"):
         return
 
