@@ -9,7 +9,7 @@ from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_o
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
-from qsdolfinx.contact.advice import ChordErrors, chord_errors, smoothed
+from qsdolfinx.contact.advice import THIN, ChordErrors, chord_errors, smoothed
 from qsdolfinx.contact.arguments import (
     Given,
     check_constraints,
@@ -235,7 +235,7 @@ def make(chosen: Chosen) -> Made:
     if a.is_automatic:
         may_be = (a.quadrature, a.sliding) == ("overlay", "small")
         may_be &= not (a.itself or a.slave.is_scalar)
-        alike = chord_errors(settings) if may_be else None
+        alike = chord_errors(settings, THIN) if may_be else None
         smoothing = "none"
     if alike is not None:
         settings, smoothing = smoothed(settings), "shared-curvature"

@@ -138,6 +138,18 @@ class Settings:
         return roles
 
 
+class ChordGaps(typing.NamedTuple):
+    """Changes of gaps by the chord errors of facets.
+
+    Attributes:
+        of_nodes: At the slave's owned nodes (length).
+        spread: Standard deviation at points, which vary within facets (length).
+    """
+
+    of_nodes: npt.NDArray[np.float64]
+    spread: float
+
+
 @dataclasses.dataclass(frozen=True)
 class Paired:
     """Result of one contact detection; only the states of its parts change.
@@ -477,7 +489,7 @@ class ContactModel:
         self.problem: typing.Callable[[], object] | None = None
         #: Errors of the gaps at the slave's nodes due to chord errors (length); None before any
         #: solve.
-        self.chord_gaps: npt.NDArray[np.float64] | None = None
+        self.chord_gaps: ChordGaps | None = None
         #: Nodes whose gap is prescribed by conditions; see :func:`qsdolfinx.contact.held.find`.
         self.held_nodes: list[HeldNodes] = []
         #: Slip components constrained by conditions; see

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact import active_set
-from qsdolfinx.contact.advice import FEW
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.advice import FEW, flat_sides
+from qsdolfinx.contact.model import ChordGaps, ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming, pair
 from qsdolfinx.pairing.relief import Smoothing, sides_of
@@ -21,6 +21,11 @@ Array = npt.NDArray[np.float64]
 #: solve warns: ``tests/contact/test_warnings.py``.
 NOTICED = 0.1
 
+#: Pressure that presses the chord errors flat within facets, over the mean pressure, above which a
+#: solve warns. Contact quadrature points then open, and pressures of rings of two meshes are wrong
+#: by 10 %, root mean square: ``tests/contact/test_chord_errors.py``.
+OPENS = 2.0
+
 
 def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
     """Warning text if chord errors of facets make pressures wrong; None otherwise. Collective.
@@ -28,7 +33,9 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
     Where facets of both sides approximate surfaces that are curved the same way, the gap of a node
     is wrong by δ, the difference to the gap of the curved surfaces. The resulting pressure error
     follows from the last tangent, K du = −Gᵀ S λ' δ and dλ = λ' (δ + G du). The variation of δ from
-    node to node is pressed flat; its mean matters in relation to the approach of the bodies.
+    node to node is pressed flat; its mean matters in relation to the approach of the bodies. With
+    constraints at points the variation of δ within facets, times γ, matters as well: where it
+    exceeds the pressure, points open.
 
     Args:
         newton: Newton's method, at a solution.
@@ -39,12 +46,20 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
     if model.chord_gaps is None:
         model.chord_gaps = _chord_gaps(model)
     gap = model.gaps[0]
-    own = model.chord_gaps * _on_nodes(gap, _resolved(gap))
+    own = model.chord_gaps.of_nodes * _on_nodes(gap, _resolved(gap))
     pressure = _on_nodes(gap, gap.multiplier(model.eps)[:, 0])
     area = np.where(pressure > 0, model.slave.node_area, 0.0)
     total, force, squares = _sums(model, area, area * pressure, area * own**2)
     if total == 0.0 or squares == 0.0 or model.compliance == 0.0:  # or all nodes are constrained
         return None
+    opening = model.eps * model.chord_gaps.spread * total / force
+    if gap.rows.are_points and opening > OPENS:
+        return (
+            "facets: where the surfaces are curved the same way, chord errors vary by "
+            f"{model.chord_gaps.spread:.2g} within facets. Pressing them flat would take "
+            f"{opening:.2g} times the mean pressure: contact opens within facets, and pressures "
+            f"are wrong: take {_cure(model)}"
+        )
     # Upper bound of the error: a node is stiffest if it moves alone.
     if np.sqrt(squares * total) <= NOTICED * model.compliance * force:
         return None
@@ -115,9 +130,9 @@ def _cure(model: ContactModel) -> str:
     return f'smoothing="shared-curvature"{with_overlay}, or {curved}'
 
 
-def _chord_gaps(model: ContactModel) -> Array:
-    """δ at the slave's owned nodes, 0 unless both surfaces are curved the same way. Collective."""
-    none = np.zeros(len(model.slave.node_area))
+def _chord_gaps(model: ContactModel) -> ChordGaps:
+    """δ at the slave's owned nodes, and its variation within facets. Collective."""
+    none = ChordGaps(np.zeros(len(model.slave.node_area)), 0.0)
     sampling, master, slave = model.settings.sampling, model.master, model.slave
     sides = (slave,) if master.is_analytic else (slave, master)
     exact = master.is_analytic and sampling.quadrature == "nodal"
@@ -125,8 +140,12 @@ def _chord_gaps(model: ContactModel) -> Array:
         return none
     degree = degree_of_rule(slave, master, follows=False)
     radius = model.paired.radius
-    if find_conforming(slave, master, degree, radius, sampling.smoothing).part < FEW:
+    found = find_conforming(slave, master, degree, radius, sampling.smoothing)
+    if found.part < FEW:
         return none
+    bulge = found.bulges @ (np.array([1.0, -1.0]) * flat_sides(model.settings))
+    count, first, second = _sums(model, np.ones(len(bulge)), bulge, bulge**2)
+    spread = float(np.sqrt(max(second / count - (first / count) ** 2, 0.0)))
     both = model.settings.formulation == "quasi-symmetric"
     curved, gaps = Smoothing(slave, master, sides_of("shared-curvature", master)), []
     for smoothing in (sampling.smoothing, curved):
@@ -135,4 +154,4 @@ def _chord_gaps(model: ContactModel) -> Array:
         gap = WeightedGap(slave, master, points, model.law, 1.0, rows="cover", augmented=False)
         values = gap.rows.on_nodes(gap.operator.initial_gap, np.nan)
         gaps.append(np.asarray(values, dtype=np.float64))
-    return np.nan_to_num(gaps[0] - gaps[1])
+    return ChordGaps(np.nan_to_num(gaps[0] - gaps[1]), spread)

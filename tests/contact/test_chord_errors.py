@@ -1,0 +1,66 @@
+"""Pressures between facets of curved surfaces are right, or there is a warning."""
+
+import warnings
+
+import numpy as np
+import pytest
+from curved_scenes import ShrinkFit
+from scenes import WORLD
+
+import qsdolfinx as qs
+
+
+def warned(call):
+    """Return texts of the library's warnings that a call gives."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        call()
+    return [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
+
+
+def error(fit, reference):
+    """Root mean square difference of the slave's pressure, over its mean in the reference."""
+    area = fit.contact.slave.node_area
+    got, right = (
+        scene.contact.slave.node_values(scene.contact.pressure("slave"))
+        for scene in (fit, reference)
+    )
+    sums = WORLD.allreduce(np.array([area @ (got - right) ** 2, area @ right, area.sum()]))
+    return np.sqrt(sums[0] * sums[2]) / sums[1]
+
+
+def solved(texts=None, **options):
+    """A shrink fit that has been solved for, and what it has warned of."""
+    fit = ShrinkFit(**options)
+    found = warned(fit.problem().solve)
+    if texts is not None:
+        texts += found
+    return fit
+
+
+@pytest.mark.parametrize("n", (24, 48, 96))
+def test_refined(n):
+    """Contact of fine facets is between the curved surfaces, too, as long as the fit is thin."""
+    n = (n, 3), (n * 11 // 8, 3)
+    (text,) = warned(lambda: solved(n=n, smoothing="auto"))
+    assert "measured between the curved surfaces" in text
+    fits = [solved(n=n, misfit=0.01, smoothing=s) for s in ("auto", "shared-curvature")]
+    assert error(*fits) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "misfit, options, is_wrong",
+    [
+        (0.01, {}, True),
+        (0.01, {"enforcement": "penalty"}, True),
+        (0.01, {"sliding": "finite"}, True),
+    ]
+    + [(misfit, {}, misfit < 0.4) for misfit in (0.1, 0.8)],
+)
+def test_facets_by_name(misfit, options, is_wrong):
+    """Between facets pressures are wrong by more than a tenth, with a warning, or right without."""
+    texts, n = [], ((48, 3), (66, 3))
+    fit = solved(texts, n=n, misfit=misfit, smoothing="none", **options)
+    reference = solved(n=n, misfit=misfit, smoothing="shared-curvature")
+    assert (error(fit, reference) > 0.1) == is_wrong
+    assert any("pressures are wrong" in text for text in texts) == is_wrong, texts
