@@ -94,15 +94,25 @@ class AtOnce:
                 z = self._find(equations, loop)
             equations.end_at(z)
             for _ in range(MOST_OTHERS):
+                chosen = [gap.state.vertices for gap in system.gaps]
                 others = system.have_vertices_changed() or equations.has_other_multipliers()
                 if not (others or self._are_others_allowed()):
                     break
-                for thing in (loop, equations):
-                    thing.destroy()
+                last = loop, equations
                 equations = Equations(system)
                 loop = OneNewton(equations, newton, True, stiffness)
-                with system.watch.stage("solve"):
-                    z = loop.solve(equations.first(), begins=False)
+                try:
+                    with system.watch.stage("solve"):
+                        z = loop.solve(equations.first(), begins=False)
+                except (NoConvergence, NoGapError):
+                    for thing in (loop, equations):
+                        thing.destroy()
+                    loop, equations = last
+                    self._go_back(equations, z, chosen)
+                    warn(UNSETTLED, ContactWarning)
+                    break
+                for thing in last:
+                    thing.destroy()
                 equations.end_at(z)
             else:
                 warn(UNSETTLED, ContactWarning)
@@ -123,6 +133,13 @@ class AtOnce:
             system.forget_tangent()
             equations.destroy()
         return True
+
+    def _go_back(self, equations: Equations, z: Array, vertices: list[typing.Any]) -> None:
+        """Return to a solution with other vertices and multipliers. Collective."""
+        for gap, chosen in zip(self._system.gaps, vertices, strict=True):
+            gap.state.vertices = chosen
+        equations.evaluate(z)
+        equations.end_at(z)
 
     def _are_others_allowed(self) -> bool:
         """Whether bodies have slid to nodes whose initial overclosure is allowed. Collective."""
