@@ -108,7 +108,9 @@ class AtOnce:
                     for thing in (loop, equations):
                         thing.destroy()
                     loop, equations = last
-                    self._go_back(equations, z, chosen)
+                    self._set_vertices(chosen)
+                    equations.evaluate(z)
+                    equations.end_at(z)
                     warn(UNSETTLED, ContactWarning)
                     break
                 for thing in last:
@@ -121,8 +123,7 @@ class AtOnce:
             self._note_failure(error, loop)
             for contact, values in zip(system.contacts, known, strict=True):
                 multipliers.set_known(contact, values)
-            for gap, chosen in zip(system.gaps, vertices, strict=True):
-                gap.state.vertices = chosen
+            self._set_vertices(vertices)
             system.x.array[:] = before
             self._again = False
             return False
@@ -134,12 +135,10 @@ class AtOnce:
             equations.destroy()
         return True
 
-    def _go_back(self, equations: Equations, z: Array, vertices: list[typing.Any]) -> None:
-        """Return to a solution with other vertices and multipliers. Collective."""
+    def _set_vertices(self, vertices: typing.Sequence[Array | None]) -> None:
+        """Set which vertices of each integration side have their own points."""
         for gap, chosen in zip(self._system.gaps, vertices, strict=True):
             gap.state.vertices = chosen
-        equations.evaluate(z)
-        equations.end_at(z)
 
     def _are_others_allowed(self) -> bool:
         """Whether bodies have slid to nodes whose initial overclosure is allowed. Collective."""
