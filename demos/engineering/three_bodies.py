@@ -8,9 +8,8 @@ do not match. Poisson's ratios are 0, so the load is that of bars in series.
     mpirun -n 2 python3 demos/engineering/three_bodies.py --output bearing --plot three_bodies.png
     python3 demos/engineering/three_bodies.py --output bearing --restart
 
-The first command writes fields for ParaView, a table and, half way along x, a checkpoint. Then,
-like the second command, it builds the scene again, restarts from the checkpoint, and compares the
-results with the table.
+The first command writes fields for ParaView, a table and, half way along x, a checkpoint. Then, as
+the second command, it restarts a new scene from the checkpoint, and compares with the table.
 
 Keys of the JSON object:
 

@@ -359,7 +359,7 @@ def _advice(model: ContactModel, depth: float | None) -> str:
     cure += ', or constraints="points"'
     if settings.sampling.quadrature != "overlay":
         cure += ' with quadrature="overlay"'
-    return f"weighted gaps are closed, but points still penetrate: {cure}"
+    return f"weighted gaps are closed, but points penetrate: {cure}"
 
 
 def _unloaded(model: ContactModel) -> int:

@@ -608,7 +608,7 @@ def test_more_is_refused():
     conducts("h: must return a real number for each point", lambda p, g: np.ones(3))
     conducts("h: must return a real number for each point", lambda p, g: "much")
     conducts("h: must return a real number for each point", lambda p, g: p + 1j)
-    conducts("h: gives -1 at", lambda p, g: p * 0 - 1.0)
+    conducts("h: must be finite and not negative, not -1 at", lambda p, g: p * 0 - 1.0)
     conducts("h: must be a number, a dolfinx.fem.Constant, or a Python", "much", TypeError)
     conducts("h: must be a number, a dolfinx.fem.Constant, or a Python", scene.T[0], TypeError)
     conducts("h: must be a Constant of one number", fem.Constant(msh, (1.0, 2.0)))

@@ -53,13 +53,17 @@ def test_shrink_fit(n, formulation):
         assert abs(mean / exact - 1) > 0.3 and scatter / exact > 0.2
 
 
-@pytest.mark.parametrize(("n", "is_smooth"), ((RINGS, True), (((64, 4), (90, 4)), False)))
-def test_by_itself(n, is_smooth):
+@pytest.mark.parametrize(
+    ("n", "misfit", "is_smooth"),
+    ((RINGS, 0.01, True), (((64, 4), (90, 4)), 0.01, True), (((64, 4), (90, 4)), 0.2, False)),
+)
+def test_by_itself(n, misfit, is_smooth):
     """With the default ``smoothing`` surfaces are smoothed where chord errors matter."""
-    given = (ShrinkFit(n, smoothing=way).contact for way in ("auto", "shared-curvature", "none"))
+    ways = "auto", "shared-curvature", "none"
+    given = (ShrinkFit(n, misfit=misfit, smoothing=way).contact for way in ways)
     gaps = [contact.pairing.gap for contact in given]
     np.testing.assert_array_equal(gaps[0], gaps[1 if is_smooth else 2])
-    assert ShrinkFit(n, smoothing="auto").contact.smoothing == (
+    assert ShrinkFit(n, misfit=misfit, smoothing="auto").contact.smoothing == (
         "shared-curvature" if is_smooth else "none"
     )
 

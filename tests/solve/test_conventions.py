@@ -126,6 +126,9 @@ def test_names_of_before():
 
 def test_options_that_do_not_suit():
     """The error of DOLFINx names the arguments that may have caused it."""
-    kinds, text = (TypeError, RuntimeError), "jit_options, entity_maps: one of them does not suit"
+    kinds, text = (
+        (TypeError, RuntimeError),
+        "jit_options, entity_maps: DOLFINx does not accept one of these",
+    )
     with pytest.raises(kinds, match=text):
         Pressed(jit_options={"no such option": 1})
