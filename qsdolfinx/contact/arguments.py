@@ -152,7 +152,9 @@ def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
     )
 
 
-def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> None:
+def check_memory(
+    law: Law, enforcement: str, constraints: str, sliding: str, penalty: typing.Any
+) -> None:
     """Raise an error for a law with history variables that the other arguments do not support."""
     if not law.memory:
         return
@@ -167,6 +169,8 @@ def check_memory(law: Law, enforcement: str, constraints: str, sliding: str) -> 
     small = sliding == "small" or law.jump
     require(small, f'sliding: {of}is evaluated at nodes of fixed pairs; use "small"')
     require(constraints == "nodes", f'constraints: {of}is evaluated at nodes; use "nodes"')
+    text = f"penalty: {of}needs a number, as ε is a part of it"
+    require(penalty != "auto", f'{text}; "auto" differs on each mesh')
 
 
 def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:

@@ -61,6 +61,9 @@ class Law(abc.ABC):
     def slope(self, gap: Array, penalty: Array, touching: float, **memory: Array) -> Array:
         """Slope φ''(ḡ) ≥ 0 for each constraint, stress per length, shape (rows,).
 
+        If λ falls while the gap grows, return the secant λ/ḡ. A constraint with slope 0 is inactive
+        and carries nothing, whatever ``multiplier`` returns.
+
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
             penalty: ε of each constraint, stress per length, shape (rows,).

@@ -564,12 +564,21 @@ class WeightedGap:
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.multiplier(self._shifted(eps), eps, **self._memory_at_rows())
+        gap = self._shifted(eps)
+        found = np.asarray(self.law.multiplier(gap, eps, **self._memory_at_rows()))
+        text = f"law: multiplier must return an array of the gap's shape {gap.shape}"
+        require(found.shape == gap.shape, f"{text}, not {found.shape}")
+        return found
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
-        return self.law.slope(self._shifted(eps), eps, touching, **self._memory_at_rows())
+        found = np.asarray(
+            self.law.slope(self._shifted(eps), eps, touching, **self._memory_at_rows())
+        )
+        text = f"law: slope must return an array of shape ({self.num_rows},)"
+        require(found.shape == (self.num_rows,), f"{text}, not {found.shape}")
+        return found
 
     def energy(self, penalty: float, part: float = 1.0) -> float:
         """This rank's part of the energy at the last evaluation. Collective.

@@ -221,6 +221,7 @@ def test_pairing_anew():
         (Bond, {"enforcement": "augmented-lagrangian"}, "enforcement: a law that remembers"),
         (Bond, {"constraints": "points"}, "constraints: a law that remembers"),
         (Bond, {"sliding": "finite"}, "sliding: a law that remembers"),
+        (Bond, {"penalty": "auto"}, "penalty: a law that remembers needs a number"),
     ),
 )
 def test_what_is_refused(law, options, match):
@@ -252,6 +253,19 @@ class Tangent(Other):
         return -penalty
 
 
+class Flat(Bond):
+    def multiplier(self, gap, penalty, damage):
+        return penalty * gap[:, 0]
+
+
+class Deep(Bond):
+    def slope(self, gap, penalty, touching, damage):
+        return penalty[:, None]
+
+    def multiplier(self, gap, penalty, damage):
+        return penalty[:, None] * gap
+
+
 class Named(Bond):
     memory = {"damage": np.nan}  # noqa: RUF012
 
@@ -264,6 +278,8 @@ class Named(Bond):
         (InPlace, "read-only"),
         (Other, "law: commit must return"),
         (Tangent, "law: slope must be positive"),
+        (Flat, "law: multiplier must return an array of the gap's shape ("),
+        (Deep, "law: slope must return an array of shape ("),
     ),
 )
 def test_wrong_laws(law, match):
