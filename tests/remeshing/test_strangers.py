@@ -124,7 +124,7 @@ def test_refused():
     dg = fem.Function(fem.functionspace(msh, ("DG", 0, (2,))))
     refuses("body: a displacement must be continuous", dg, 0.3)
     refuses("size: must return a real number for each of its points", msh, lambda x: np.ones(3))
-    refuses(r"size: would make some 2e\+10 cells", msh, 1e-5, error=qs.RemeshError)
+    refuses(r"size: would give about 2e\+10 cells", msh, 1e-5, error=qs.RemeshError)
     left = box(WORLD, (3, 3), "triangle", [-1.0, 0.0], [1.0, 1.0])
     refuses("axisymmetric: r, the first coordinate", left, 0.3, axisymmetric=True)
     if WORLD.size > 1:

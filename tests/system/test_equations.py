@@ -239,7 +239,7 @@ def test_what_the_caller_gives():
     equations.accept(z)
     np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-8, atol=1e-12)
     pair.contact.update()
-    raises_everywhere(WORLD, RuntimeError, "have paired since", lambda: equations.residual(z))
+    raises_everywhere(WORLD, RuntimeError, "contact pairs were updated since", lambda: equations.residual(z))
 
 
 class Softened(qs.Unilateral):
