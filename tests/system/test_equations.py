@@ -239,7 +239,8 @@ def test_what_the_caller_gives():
     equations.accept(z)
     np.testing.assert_allclose(pair.contact.force("slave"), force, rtol=1e-8, atol=1e-12)
     pair.contact.update()
-    raises_everywhere(WORLD, RuntimeError, "contact pairs were updated since", lambda: equations.residual(z))
+    text = "contact pairs were updated since"
+    raises_everywhere(WORLD, RuntimeError, text, lambda: equations.residual(z))
 
 
 class Softened(qs.Unilateral):
