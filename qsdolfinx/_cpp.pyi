@@ -523,27 +523,17 @@ class Surface:
 def add_curvature(
     sums: RowSums,
     pieces: Pieces,
-    pressure: numpy.typing.NDArray[numpy.float64],
+    stress: numpy.typing.NDArray[numpy.float64],
     moves: bool,
     numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     scale: Sequence[float],
 ) -> None:
-    """Add the derivative of the forces of constant pressures, from the curvature of gaps and the motion of points; numbers are those of unknowns, [piece][node][gdim]."""
+    """Add the derivative of the forces of constant pressures [point], or of tractions [point][3], from the curvature of gaps and the motion of points; numbers are those of unknowns, [piece][node][gdim]."""
 
 def add_products(
     sums: RowSums, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]
 ) -> None:
     """Add Lᵀ D R to a matrix; D has a number for each row, or a matrix [component][component] for each point."""
-
-def add_slip_curvature(
-    sums: RowSums,
-    pieces: Pieces,
-    traction: numpy.typing.NDArray[numpy.float64],
-    moves: bool,
-    numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
-    scale: Sequence[float],
-) -> None:
-    """Add the derivative of the forces of constant tractions at points; numbers as in add_curvature."""
 
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius

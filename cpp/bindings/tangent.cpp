@@ -73,26 +73,16 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       .def("insert", &RowSums::insert, "Insert all entries into the matrix.");
   m.def(
       "add_curvature",
-      [](RowSums& sums, const Pieces& pieces, In<double> pressure, bool moves,
+      [](RowSums& sums, const Pieces& pieces, In<double> stress, bool moves,
          std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale)
       {
-        add_curvature(pieces, pressure.view(), moves,
-                      {sums, {numbers[0].view(), numbers[1].view()}, scale});
+        const auto add = stress.array.ndim() > 1 ? add_slip_curvature : add_curvature;
+        add(pieces, stress.view(), moves, {sums, {numbers[0].view(), numbers[1].view()}, scale});
       },
-      "sums"_a, "pieces"_a, "pressure"_a, "moves"_a, "numbers"_a, "scale"_a,
-      "Add the derivative of the forces of constant pressures, from the curvature of gaps and the "
-      "motion of points; numbers are those of unknowns, [piece][node][gdim].");
-  m.def(
-      "add_slip_curvature",
-      [](RowSums& sums, const Pieces& pieces, In<double> traction, bool moves,
-         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale)
-      {
-        add_slip_curvature(pieces, traction.view(), moves,
-                           {sums, {numbers[0].view(), numbers[1].view()}, scale});
-      },
-      "sums"_a, "pieces"_a, "traction"_a, "moves"_a, "numbers"_a, "scale"_a,
-      "Add the derivative of the forces of constant tractions at points; numbers as in "
-      "add_curvature.");
+      "sums"_a, "pieces"_a, "stress"_a, "moves"_a, "numbers"_a, "scale"_a,
+      "Add the derivative of the forces of constant pressures [point], or of tractions [point][3], "
+      "from the curvature of gaps and the motion of points; numbers are those of unknowns, "
+      "[piece][node][gdim].");
   m.def(
       "free_unknowns",
       [](const Pieces& pieces, int side, Handle markers)

@@ -241,10 +241,16 @@ class FacetCutter:
         to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
-        pressure, numbers = np.ascontiguousarray(pressure), _numbers(found, markers, to)
-        _cpp.add_curvature(to.sums, found.of_cutter, pressure, moves, numbers, to.scale)
+        self._add_curvature(found, np.ascontiguousarray(pressure), moves, markers, to)
+
+    def _add_curvature(
+        self, found: Found, stress: Array, moves: bool, markers: Vecs, to: Destination
+    ) -> None:
+        """Add the change of forces at constant pressures or tractions at points. Collective."""
+        numbers = _numbers(found, markers, to)
+        _cpp.add_curvature(to.sums, found.of_cutter, stress, moves, numbers, to.scale)
         if moves:
-            self._add_turning(found, pressure, markers, to)
+            self._add_turning(found, stress, markers, to)
 
     def moving_functions(
         self,
@@ -341,10 +347,7 @@ class FacetCutter:
         to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
-        traction, numbers = _in_space(traction), _numbers(found, markers, to)
-        _cpp.add_slip_curvature(to.sums, found.of_cutter, traction, moves, numbers, to.scale)
-        if moves:
-            self._add_turning(found, traction, markers, to)
+        self._add_curvature(found, _in_space(traction), moves, markers, to)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

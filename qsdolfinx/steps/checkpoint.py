@@ -17,7 +17,7 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element, interpolation_points
-from qsdolfinx.steps.rendezvous import find
+from qsdolfinx.steps.rendezvous import digests, find
 
 Array = npt.NDArray[np.float64]
 Keys = npt.NDArray[np.int64]
@@ -280,11 +280,7 @@ def _digest(comm: MPI.Intracomm, msh: mesh.Mesh) -> int:
     """Sum of digests of the cells' sorted input numbers. Collective."""
     count = msh.topology.index_map(msh.topology.dim).size_local
     nodes = np.sort(msh.geometry.input_global_indices[cell_nodes(msh)[:count]], axis=1)
-    digest = np.zeros(count, dtype=np.uint64)
-    for column in nodes.astype(np.uint64).T:
-        digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
-        digest ^= digest >> np.uint64(29)
-    total = np.array(digest.sum(dtype=np.uint64))
+    total = np.array(digests(nodes).sum(dtype=np.uint64))
     comm.Allreduce(MPI.IN_PLACE, total)
     return int(total)
 

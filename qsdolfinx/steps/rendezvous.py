@@ -39,13 +39,18 @@ def find(comm: MPI.Intracomm, known: Keys, values: Array, wanted: Keys) -> tuple
     return np.concatenate(number), np.concatenate([found for _, found in answers])
 
 
+def digests(keys: Keys) -> npt.NDArray[np.uint64]:
+    """A number for each key that depends on all its columns, the same on any rank, (keys,)."""
+    out = np.zeros(len(keys), dtype=np.uint64)
+    for column in keys.astype(np.uint64).T:
+        out = (out + column + np.uint64(1)) * np.uint64(6364136223846793005)
+        out ^= out >> np.uint64(29)
+    return out
+
+
 def _by_rank(comm: MPI.Intracomm, keys: Keys) -> list[Indices]:
     """Indices of the keys assigned to each rank, by a digest of their columns."""
-    digest = np.zeros(len(keys), dtype=np.uint64)
-    for column in keys.astype(np.uint64).T:
-        digest = (digest + column + np.uint64(1)) * np.uint64(6364136223846793005)
-        digest ^= digest >> np.uint64(29)
-    rank = digest % np.uint64(comm.size)
+    rank = digests(keys) % np.uint64(comm.size)
     return [np.flatnonzero(rank == r) for r in range(comm.size)]
 
 

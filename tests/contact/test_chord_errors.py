@@ -1,21 +1,10 @@
 """Pressures between facets of curved surfaces are right, or there is a warning."""
 
-import warnings
-
 import numpy as np
 import pytest
+from contact.test_warnings import warned
 from curved_scenes import ShrinkFit
 from scenes import WORLD
-
-import qsdolfinx as qs
-
-
-def warned(call):
-    """Return texts of the library's warnings that a call gives."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        call()
-    return [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
 
 
 def error(fit, reference):
