@@ -680,6 +680,15 @@ def pair_vertices(
 ) -> PairingPoints:
     """Points at some owned nodes of the slave, [node], with the closest places on the master; collective."""
 
+def passed_lengths(
+    surface: Surface,
+    start_x: numpy.typing.NDArray[numpy.float64],
+    start: numpy.typing.NDArray[numpy.float64],
+    end: numpy.typing.NDArray[numpy.float64],
+    normal: numpy.typing.NDArray[numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """Lengths within bodies that points have passed through on straight paths, [point], 0 for all others; start_x are the facets' vertices at the start of the motion, [facet][vertex][3]; collective."""
+
 def points_between(
     slave: Surface,
     master: Surface | None,

@@ -2,6 +2,7 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "geometry/projection.h"
+#include "search/passing.h"
 #include "search/winding.h"
 
 #include <nanobind/stl/array.h>
@@ -14,6 +15,14 @@ namespace nb = nanobind;
 using namespace nb::literals;
 using namespace qsdolfinx;
 
+namespace
+{
+Vec3 vector_at(const In<double>& values, std::size_t i)
+{
+  return {values.view()[i], values.view()[i + 1], values.view()[i + 2]};
+}
+} // namespace
+
 void qsdolfinx::bind_search(nb::module_& m)
 {
   m.def(
@@ -23,8 +32,8 @@ void qsdolfinx::bind_search(nb::module_& m)
         std::vector<Vec3> points, normals;
         for (std::size_t i = 0; i < x.array.size(); i += 3)
         {
-          points.push_back({x.view()[i], x.view()[i + 1], x.view()[i + 2]});
-          normals.push_back({normal.view()[i], normal.view()[i + 1], normal.view()[i + 2]});
+          points.push_back(vector_at(x, i));
+          normals.push_back(vector_at(normal, i));
         }
         const std::vector<std::size_t> facets(facet.view().begin(), facet.view().end());
         const auto out = within_body(surface, points, normals, facets);
@@ -33,6 +42,23 @@ void qsdolfinx::bind_search(nb::module_& m)
       "surface"_a, "x"_a, "normal"_a, "facet"_a,
       "Whether places just outside of points of a body's boundary are within the body, [point]; "
       "collective.");
+  m.def(
+      "passed_lengths",
+      [](const Surface& surface, In<double> start_x, In<double> start, In<double> end,
+         In<double> normal)
+      {
+        if (start.array.size() != end.array.size() || start.array.size() != normal.array.size())
+          throw std::invalid_argument("passed_lengths: one start, end and normal for each point");
+        std::vector<Path> paths;
+        for (std::size_t i = 0; i < start.array.size(); i += 3)
+          paths.push_back({vector_at(start, i), vector_at(end, i), vector_at(normal, i)});
+        const auto out = passed_lengths(surface, start_x.view(), paths);
+        return copy(out, {out.size()});
+      },
+      "surface"_a, "start_x"_a, "start"_a, "end"_a, "normal"_a,
+      "Lengths within bodies that points have passed through on straight paths, [point], 0 for all "
+      "others; start_x are the facets' vertices at the start of the motion, "
+      "[facet][vertex][3]; collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",
                            "Search distance, up to which points are paired: one value, or the size "
                            "of the larger facet there, if this is less.")

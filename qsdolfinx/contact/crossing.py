@@ -61,8 +61,8 @@ def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, 
     now = model.placement
     if isinstance(now.master, ToolPlace):
         assert isinstance(before.master, ToolPlace)
-        carried = _carried(before.master, now.master)
-        return now.slave.positions() - carried(before.slave.positions()), None
+        carry = carrying(before.master, now.master)
+        return now.slave.positions() - carry(before.slave.positions()), None
     assert isinstance(before.master, Place)
     moved = now.slave.positions() - before.slave.positions()
     return moved, now.master.positions() - before.master.positions()
@@ -112,7 +112,7 @@ def _longest(comm: MPI.Intracomm, vectors: Array) -> float:
     return float(comm.allreduce(np.max(lengths, initial=0.0), op=MPI.MAX))
 
 
-def _carried(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Array]:
+def carrying(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Array]:
     """Function that moves points as the tool has moved."""
     d = before.tool.gdim
     first, last = before.now, now.now

@@ -9,6 +9,7 @@ import numpy as np
 from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.passing import find_passed
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 
 #: Depth, in units of the smallest facet, of nodes without a partner that counts.
@@ -32,10 +33,16 @@ def find_passed_through(model: ContactModel) -> str | None:
         return None
     before = model.placement.as_paired
     moved = motion_since(model, before)
-    if moved <= reach(model):
-        return None  # nothing can have come from beyond what was paired
     radius = model.paired.search_radius
     try:
+        passed = find_passed(model, before)
+        if passed is not None:
+            return (
+                f"{passed} has passed through a part of the other surface: make time steps in "
+                "which surfaces move by less than the part is thick"
+            )
+        if moved <= reach(model):
+            return None  # nothing can have come from beyond what was paired
         found = deepest_crossing(model, before, moved, radius, NOTICED * model.paired.facet_size)
     except DegenerateFacetsError as error:
         return (

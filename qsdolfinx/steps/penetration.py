@@ -8,6 +8,7 @@ import typing
 from qsdolfinx.contact import depth
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
+from qsdolfinx.contact.passing import find_passed
 from qsdolfinx.contact.placement import Placement, ToolPlace
 from qsdolfinx.contact.reach import NOTICED, reach
 from qsdolfinx.surface.deformed import DegenerateFacetsError
@@ -70,6 +71,9 @@ class Penetration:
 
     def _fault(self, i: int, contact: Contact, start: Placement) -> str | None:
         model, known, limit = contact.model, self._known[i], self._limit(contact)
+        passed = find_passed(model, start)
+        if passed is not None:
+            return f"{passed} has passed through a part of the other surface"
         moved = motion_since(model, start)
         seen = moved <= FOLLOWED * reach(model)
         if self.limit == "auto" and seen and known is not None and known + moved <= limit:

@@ -1,0 +1,169 @@
+"""Find points that have passed through a thin part of the other surface, and left it again.
+
+At the end of such a motion nothing penetrates, so that depths do not show it. The paths of the
+points do: they leave the part through a face whose normal agrees with their own.
+"""
+
+from __future__ import annotations
+
+import typing
+
+import numpy as np
+import numpy.typing as npt
+
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.crossing import carrying
+from qsdolfinx.contact.depth import SIDES
+from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Placement, ToolPlace, is_analytic
+from qsdolfinx.pairing.distance import on_facets
+
+Array = npt.NDArray[np.float64]
+
+#: Length of the path within the other part, in units of the smallest facet, below which a straight
+#: path may have cut off a corner that the point has gone around.
+CORNER = 0.01
+
+#: Cosine of the angle (60°) between normals of a point and of the face that it comes out of; the
+#: same for facets in cpp/search/passing.h.
+ALIKE = 0.5
+
+#: Number of bisections of a path.
+BISECTIONS = 40
+
+
+class Passed(typing.NamedTuple):
+    """Point that has passed through a part of the other surface.
+
+    Attributes:
+        length: Length of its path within the part.
+        x: Its position afterwards, shape (gdim,).
+        side: Side of the point, ``"slave"`` or ``"master"``.
+    """
+
+    length: float
+    x: tuple[float, ...]
+    side: str
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{x:.4g}" for x in self.x)
+        return f"the point ({place}) of the {self.side}"
+
+
+class _Motion(typing.NamedTuple):
+    """Motion of the points and facets of one side.
+
+    Attributes:
+        facets: The facets at the end.
+        start_x: Their vertices at the start, shape (facets, vertices, 3).
+        start: Points of the facets at the start, shape (points, 3).
+        end: These points at the end, of the same shape.
+        normal: Outward unit normals at the end, of the same shape.
+    """
+
+    facets: _cpp.Surface
+    start_x: Array
+    start: Array
+    end: Array
+    normal: Array
+
+
+def find_passed(model: ContactModel, before: Placement) -> Passed | None:
+    """Find the point with the longest path through a part of the other surface. Collective.
+
+    Args:
+        model: The contact, evaluated.
+        before: The earlier placement of the surfaces.
+
+    Raises:
+        DegenerateFacetsError: If a facet has no area.
+    """
+    if model.law.jump or model.placement is before:
+        return None
+    least = CORNER * model.paired.facet_size
+    slave = _motion(model, before, "slave")
+    if is_analytic(model.placement.master):
+        found = [("slave", slave, _through_shape(model.placement.master, slave))]
+    elif model.with_itself:
+        found = [("slave", slave, _through_facets(slave, slave))]
+    else:
+        master = _motion(model, before, "master")
+        found = [
+            (side, own, _through_facets(own, other))
+            for side, own, other in zip(SIDES, (slave, master), (master, slave), strict=True)
+        ]
+    passed = []
+    for side, own, lengths in found:
+        if len(lengths) and lengths.max() > least:
+            i = int(np.argmax(lengths))
+            x = tuple(float(c) for c in own.end[i, : model.slave.gdim])
+            passed.append(Passed(float(lengths[i]), x, side))
+    everywhere = [p for each in model.comm.allgather(passed) for p in each]
+    return max(everywhere, default=None)
+
+
+def _motion(model: ContactModel, before: Placement, side: str) -> _Motion:
+    """Motion of one side since a placement; a rigid tool stays where it is now. Collective."""
+    first, last = before.place(side), model.placement.place(side)
+    facets = last.facets()
+    points = on_facets(facets, facets.facet_x.shape[1])
+    end, normal = points.slave["x"], points.normal
+    if isinstance(last, ToolPlace):
+        return _Motion(facets, facets.facet_x, end, end, normal)
+    earlier = first.facets()
+    start_x, start = earlier.facet_x, on_facets(earlier, earlier.facet_x.shape[1]).slave["x"]
+    if isinstance(model.placement.master, ToolPlace):
+        assert isinstance(before.master, ToolPlace)
+        carry = carrying(before.master, model.placement.master)
+        start_x, start = carry(start_x), carry(start)
+    return _Motion(facets, start_x, start, end, normal)
+
+
+def _through_facets(points: _Motion, other: _Motion) -> Array:
+    """Lengths of the paths of points within the other side, (points,). Collective."""
+    return _cpp.passed_lengths(other.facets, other.start_x, points.start, points.end, points.normal)
+
+
+def _through_shape(place: ToolPlace, points: _Motion) -> Array:
+    """The same for an analytic tool, at its present position. Local."""
+    first, last = (place.tool.distance(x, place.now) for x in (points.start, points.end))
+    way = np.linalg.norm(points.end - points.start, axis=1)
+    may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
+    at = np.flatnonzero(may & (np.sum(points.normal * last[1], axis=1) > 0))
+    out = np.zeros(len(way))
+    out[at] = way[at] * _part_within(place, points.start[at], points.end[at], points.normal[at])
+    return out
+
+
+def _part_within(place: ToolPlace, start: Array, end: Array, normal: Array) -> Array:
+    """Part of each path within an analytic tool, if it comes out; else 0.
+
+    Along a line, the distance from a convex tool has one minimum: the path is within the tool from
+    before it to after it. From other tools, a path that starts outside does not come out.
+    """
+
+    def distance(s: Array) -> tuple[Array, Array]:
+        return place.tool.distance(start + s[:, None] * (end - start), place.now)
+
+    low: Array = np.zeros(len(start))
+    high: Array = np.ones(len(start))
+    for _ in range(BISECTIONS):
+        first, second = (2 * low + high) / 3, (low + 2 * high) / 3
+        left = distance(first)[0] < distance(second)[0]
+        low, high = np.where(left, low, first), np.where(left, second, high)
+    deepest = 0.5 * (low + high)
+    enters, leaves = (_crossing(distance, deepest, np.full(len(start), s)) for s in (0.0, 1.0))
+    alike = np.sum(normal * distance(leaves)[1], axis=1) > ALIKE
+    return np.where(alike & (distance(deepest)[0] < 0), leaves - enters, 0.0)
+
+
+def _crossing(
+    distance: typing.Callable[[Array], tuple[Array, Array]], inside: Array, end: Array
+) -> Array:
+    """Where paths cross the surface, between a place inside and an end; the end if inside."""
+    outside = end
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (inside + outside)
+        within = distance(middle)[0] < 0
+        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
+    return np.where(distance(end)[0] < 0, end, outside)
