@@ -26,6 +26,7 @@ from qsdolfinx.contact.arguments import (
     default_constraints,
     default_enforcement,
 )
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty, points_factor
 from qsdolfinx.friction.history import FrictionHistory
@@ -234,7 +235,7 @@ def make(chosen: Chosen) -> Made:
     smoothing = a.smoothing
     if a.is_automatic:
         may_be = (a.quadrature, a.sliding) == ("overlay", "small")
-        may_be &= not (a.itself or a.slave.is_scalar)
+        may_be &= settings.type is ContactType.NORMAL
         alike = chord_errors(settings, THIN) if may_be else None
         smoothing = "none"
     if alike is not None:

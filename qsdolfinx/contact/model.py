@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
@@ -87,6 +88,15 @@ class Settings:
     gap_tolerance: float
     sliding: str = "small"
     sharp: tuple[bool, bool] = (False, False)
+
+    @property
+    def type(self) -> ContactType:
+        """What the constraints measure."""
+        if self.slave.is_scalar:
+            return ContactType.FIELD
+        if self.law.jump:
+            return ContactType.TIE
+        return ContactType.NORMAL if self.slave.key is None else ContactType.ITSELF
 
     @property
     def rows(self) -> str:
@@ -511,14 +521,24 @@ class ContactModel:
         return self.settings.master
 
     @property
+    def type(self) -> ContactType:
+        """What the constraints measure."""
+        return self.settings.type
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the constraints are normal gaps, and not those of a tie or a scalar field."""
+        return self.type in ContactType.GAPS
+
+    @property
     def is_scalar(self) -> bool:
         """Whether the unknowns are scalar fields, such as temperatures, which cause no motion."""
-        return self.slave.is_scalar
+        return self.type is ContactType.FIELD
 
     @property
     def with_itself(self) -> bool:
         """Whether slave and master are the same boundary (self-contact)."""
-        return self.slave.key is not None
+        return self.type is ContactType.ITSELF
 
     @property
     def comm(self) -> MPI.Intracomm:

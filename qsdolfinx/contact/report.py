@@ -224,7 +224,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
     slave = _side(model, model.slave)
     assert slave is not None
     weighted = results.weighted_penetration(model)
-    depth, places = _depth(model)
+    depth, places, advice = _depth(model)
     return ContactReport(
         slave,
         _side(model, model.master),
@@ -235,7 +235,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         weighted,
         depth,
         places,
-        _advice(model, depth),
+        advice,
         None if model.penalty.value is None else active,
         rows,
         _touching(model),
@@ -331,18 +331,20 @@ def _gap_range(model: ContactModel) -> tuple[float, float] | None:
     return (low, high) if low <= high else None
 
 
-def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...]]:
-    """True penetration, and where it is deepest. Collective."""
+def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...], str]:
+    """True penetration, where it is deepest, and what to do about it. Collective."""
+    if not model.has_gaps:
+        return results.penetration(model), (), ""
     try:
-        penetration = results.penetration(model)
-        return penetration, () if model.law.jump else tuple(deepest(model, PLACES))
+        depth, places = results.penetration(model), tuple(deepest(model, PLACES))
     except ValueError:  # on all ranks
-        return None, ()
+        return None, (), ""
+    return depth, places, _advice(model, depth)
 
 
-def _advice(model: ContactModel, depth: float | None) -> str:
+def _advice(model: ContactModel, depth: float) -> str:
     """What to do about penetration that weighted gaps hide; a penalty leaves some anyway."""
-    if not model.augmented or model.law.jump or depth is None:
+    if not model.augmented:
         return ""
     settings = model.settings
     at_points = settings.constraints == "points"

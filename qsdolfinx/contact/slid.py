@@ -34,7 +34,7 @@ def find_slid(model: ContactModel) -> str | None:
     On an analytic plane any sliding distance is right, and users who set small sliding are aware of
     its limits.
     """
-    if model.sliding_is_given or model.follows or model.law.jump:
+    if model.sliding_is_given or model.follows:
         return None
     tool = as_tool(model.master)
     if tool is not None and tool.is_plane:
