@@ -19,7 +19,7 @@ from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.facet_cutter import FacetCutter, Overlay
-from qsdolfinx.gap.following import Cutter, Following
+from qsdolfinx.gap.following import Cutter, Following, follows
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law, Unilateral
@@ -283,7 +283,7 @@ def find_pairs(
             rows=settings.rows,
             augmented=settings.augmented or settings.rows == "points",
             following=_following(settings, first, second, radius),
-            turns=settings.sliding if settings.law.jump else None,
+            turns=settings.sliding,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -336,7 +336,7 @@ def _following(
         vertices_of: Body whose vertices are the points: ``"slave"`` or ``"tool"``; None for points
             on facets.
     """
-    if settings.sliding == "small" or settings.law.jump:
+    if not follows(settings.sliding, settings.law):
         return None
     tool, degree = as_tool(master), settings.sampling.degree
     cutter: Cutter
@@ -424,11 +424,28 @@ class Coupling(typing.Protocol):
         """Free the matrices. Collective."""
 
 
+class Physics(typing.Protocol):
+    """Functions in which contacts of bodies and of scalar fields differ.
+
+    They are those of the modules ``contact.bodies`` and ``contact.conduction``.
+    """
+
+    def begin(self, model: ContactModel, paired: Paired) -> None:
+        """Prepare new contact pairs, before the contact has them. Collective."""
+
+    def look(self, model: ContactModel) -> None:
+        """Check and use data that may have changed, before gaps are evaluated. Collective."""
+
+    def evaluate(self, model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Compute what depends on the gaps, after they have been evaluated. Collective."""
+
+
 class ContactModel:
     """State and settings of a contact, from which its terms are evaluated.
 
     Args:
         settings: Constant settings of the contact.
+        physics: Functions for its type of unknowns.
         kinematics: How unknowns move its surfaces.
         penalty: Penalty parameter ε.
         overclosure: Treatment of initial penetration.
@@ -439,6 +456,7 @@ class ContactModel:
     def __init__(
         self,
         settings: Settings,
+        physics: Physics,
         kinematics: Kinematics,
         penalty: Penalty,
         overclosure: Overclosure,
@@ -446,6 +464,7 @@ class ContactModel:
         mechanics: Mechanics | None = None,
     ) -> None:
         self.settings = settings
+        self.physics = physics
         self.kinematics = kinematics
         self.penalty = penalty
         self.overclosure = overclosure

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
 from qsdolfinx.contact.placement import Place, ToolPlace
-from qsdolfinx.gap.overclosure import TOLERANCE
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -35,10 +34,10 @@ def read(model: ContactModel, paired: Paired) -> None:
     """
     overclosure = model.overclosure
     seen = _seen(model)
-    overclosure.read(paired.gaps, seen, paired.facet_size)
+    is_some = overclosure.read(paired.gaps, seen, paired.facet_size)
     overclosure.follow(paired.gaps, seen)  # for sliding before pairs are updated
     overclosure.apply(paired.gaps)
-    if not model.law.jump and overclosure.depth > TOLERANCE * paired.facet_size:
+    if is_some:
         nodes = overclosure.deep_nodes
         model.overclosed_from = OverclosedStart(
             nodes, seen[0][nodes], model.slave.node_normal[nodes]
@@ -47,8 +46,7 @@ def read(model: ContactModel, paired: Paired) -> None:
 
 def follow(model: ContactModel, paired: Paired) -> None:
     """Set the allowed overclosure of updated contact pairs. Collective."""
-    if not model.law.jump:
-        model.overclosure.follow(paired.gaps, _seen(model))
+    model.overclosure.follow(paired.gaps, _seen(model))
     model.overclosure.apply(paired.gaps)
 
 

@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
 from qsdolfinx.contact.advice import chords
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
@@ -245,7 +246,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         penalty.source,
         _stiffness_ratio(penalty),
         model.overclosure.depth,
-        _treatment(model),
+        model.overclosure.described,
         model.paired.search_radius,
         f"{settings.formulation}, {sampling.quadrature}, {_normals(model)}, "
         f"constraints at {settings.constraints}",
@@ -322,10 +323,7 @@ def _at_slave(p: WeightedGap) -> int:
 
 
 def _gap_range(model: ContactModel) -> tuple[float, float] | None:
-    sizes = [
-        np.linalg.norm(p.state.values, axis=1) if p.law.jump else p.state.values for p in model.gaps
-    ]
-    gaps = np.concatenate([values.ravel() for values in sizes])
+    gaps = np.concatenate([p.sizes for p in model.gaps])
     low = model.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
     high = model.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
     return (low, high) if low <= high else None
@@ -367,7 +365,8 @@ def _advice(model: ContactModel, depth: float) -> str:
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
     surface, p = deformable(model.master), model.gaps[0]
-    if surface is None or len(model.of_sides) > 1 or model.with_itself or model.is_scalar:
+    is_meant = model.type in ContactType.NORMAL | ContactType.TIE
+    if surface is None or len(model.of_sides) > 1 or not is_meant:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object
@@ -381,10 +380,3 @@ def _stiffness_ratio(penalty: Penalty) -> float | None:
     if penalty.value is None or not penalty.stiffness or min(penalty.stiffness) == 0:
         return None
     return penalty.value / min(penalty.stiffness)
-
-
-def _treatment(model: ContactModel) -> str:
-    if model.law.jump:
-        return "which a tie keeps"
-    allowed = model.overclosure.part
-    return f'"{model.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'
