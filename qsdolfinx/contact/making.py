@@ -34,7 +34,7 @@ from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
-from qsdolfinx.gap.overclosure import KeptOverclosure, Overclosure
+from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.facets import has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
@@ -261,7 +261,7 @@ def make(chosen: Chosen) -> Made:
     mechanics = None
     if a.mechanics is not None:
         mechanics = BodiesContact(a.mechanics.model, slave, master)
-    overclosure = (KeptOverclosure if a.law.jump else Overclosure)(a.initial_overclosure)
+    overclosure = Overclosure(a.initial_overclosure)
     physics = conduction if a.slave.is_scalar else bodies
     model = ContactModel(settings, physics, kinematics, penalty, overclosure, friction, mechanics)
     model.name = a.name

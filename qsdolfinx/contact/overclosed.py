@@ -10,6 +10,7 @@ import numpy.typing as npt
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
 from qsdolfinx.contact.placement import Place, ToolPlace
+from qsdolfinx.gap.overclosure import TOLERANCE
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
@@ -34,10 +35,10 @@ def read(model: ContactModel, paired: Paired) -> None:
     """
     overclosure = model.overclosure
     seen = _seen(model)
-    is_some = overclosure.read(paired.gaps, seen, paired.facet_size)
+    overclosure.read(paired.gaps, seen, paired.facet_size)
     overclosure.follow(paired.gaps, seen)  # for sliding before pairs are updated
     overclosure.apply(paired.gaps)
-    if is_some:
+    if overclosure.depth > TOLERANCE * paired.facet_size:
         nodes = overclosure.deep_nodes
         model.overclosed_from = OverclosedStart(
             nodes, seen[0][nodes], model.slave.node_normal[nodes]

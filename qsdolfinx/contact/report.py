@@ -246,7 +246,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         penalty.source,
         _stiffness_ratio(penalty),
         model.overclosure.depth,
-        model.overclosure.described,
+        _treatment(model),
         model.paired.search_radius,
         f"{settings.formulation}, {sampling.quadrature}, {_normals(model)}, "
         f"constraints at {settings.constraints}",
@@ -380,3 +380,10 @@ def _stiffness_ratio(penalty: Penalty) -> float | None:
     if penalty.value is None or not penalty.stiffness or min(penalty.stiffness) == 0:
         return None
     return penalty.value / min(penalty.stiffness)
+
+
+def _treatment(model: ContactModel) -> str:
+    if not model.has_gaps:
+        return "which a tie keeps"
+    allowed = model.overclosure.part
+    return f'"{model.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'

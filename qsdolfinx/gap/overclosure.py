@@ -68,7 +68,7 @@ class Overclosure:
 
     def read(
         self, passes: typing.Sequence[WeightedGap], seen: list[Array], facet_size: float
-    ) -> bool:
+    ) -> None:
         """Read the overclosure of the first contact detection. Collective.
 
         Args:
@@ -76,32 +76,9 @@ class Overclosure:
             seen: Positions of the slave's nodes of each side in the frame of its master.
             facet_size: Size of the smallest facet, length.
 
-        Returns:
-            Whether there is overclosure that counts as a gap or is allowed.
-
         Raises:
             ValueError: If there is overclosure and the treatment is ``"error"``.
         """
-        self._measure(passes, facet_size)
-        self._at_first = self._at_nodes = [_depths(p) for p in passes]
-        self._first = [weakref.ref(p) for p in passes]
-        known = np.concatenate([depth.ravel() for depth in self._at_first])
-        known = known[~np.isnan(known)]
-        bounds = np.array([np.min(known, initial=np.inf), -np.max(known, initial=-np.inf)])
-        comm = passes[0].slave.comm
-        comm.Allreduce(MPI.IN_PLACE, bounds, op=MPI.MIN)
-        low, high = float(bounds[0]), -float(bounds[1])
-        if low <= high:
-            self.least = low
-            self.is_even = high - low <= max(EVEN * high, TOLERANCE * facet_size)
-        self._zones = [
-            _box(comm, x[_of_nodes(depth) > 0], max(self.depth, _reach(p)))
-            for p, x, depth in zip(passes, seen, self._at_first, strict=True)
-        ]
-        return self.depth > TOLERANCE * facet_size
-
-    def _measure(self, passes: typing.Sequence[WeightedGap], facet_size: float) -> None:
-        """Find the largest depth, and raise an error if it is refused. Collective."""
         comm = passes[0].slave.comm
         deepest = max(float(np.max(-p.points.gap, initial=0.0)) for p in passes)
         self.depth = abs(float(comm.allreduce(deepest, op=MPI.MAX)))  # no -0.0
@@ -114,6 +91,20 @@ class Overclosure:
                 f"({', '.join(f'{v:.6g}' for v in place)}): move a mesh, or choose "
                 '"resolve" (interference fit) or "ignore" (strain-free adjustment)'
             )
+        self._at_first = self._at_nodes = [_depths(p) for p in passes]
+        self._first = [weakref.ref(p) for p in passes]
+        known = np.concatenate([depth.ravel() for depth in self._at_first])
+        known = known[~np.isnan(known)]
+        bounds = np.array([np.min(known, initial=np.inf), -np.max(known, initial=-np.inf)])
+        comm.Allreduce(MPI.IN_PLACE, bounds, op=MPI.MIN)
+        low, high = float(bounds[0]), -float(bounds[1])
+        if low <= high:
+            self.least = low
+            self.is_even = high - low <= max(EVEN * high, TOLERANCE * facet_size)
+        self._zones = [
+            _box(comm, x[_of_nodes(depth) > 0], max(self.depth, _reach(p)))
+            for p, x, depth in zip(passes, seen, self._at_first, strict=True)
+        ]
 
     def follow(self, passes: typing.Sequence[WeightedGap], seen: list[Array]) -> None:
         """Find the depths allowed to nodes without a partner at the first detection. Collective.
@@ -153,11 +144,6 @@ class Overclosure:
             p.allow(self.part * p.rows.from_largest(np.nan_to_num(depth)) * share)
 
     @property
-    def described(self) -> str:
-        """The treatment in words."""
-        return f'"{self.treatment}", {100 * self.part:.4g} % of it allowed'
-
-    @property
     def deep_nodes(self) -> npt.NDArray[np.bool_]:
         """Slave nodes of this rank that penetrated at the first detection, shape (nodes,)."""
         return np.asarray(_of_nodes(self._at_first[0]) > 0)
@@ -173,32 +159,6 @@ class Overclosure:
         self.part = float(part)
 
 
-class KeptOverclosure(Overclosure):
-    """Penetration that does not count, since a tie keeps any gap; nothing is resolved or allowed.
-
-    Args:
-        treatment: As for :class:`Overclosure`; ``"error"`` refuses penetration of tied surfaces.
-    """
-
-    def read(
-        self, passes: typing.Sequence[WeightedGap], seen: list[Array], facet_size: float
-    ) -> bool:
-        """Find the largest depth. Collective."""
-        self._measure(passes, facet_size)
-        return False
-
-    def follow(self, passes: typing.Sequence[WeightedGap], seen: list[Array]) -> None:
-        """Do nothing."""
-
-    def apply(self, passes: typing.Sequence[WeightedGap]) -> None:
-        """Do nothing."""
-
-    @property
-    def described(self) -> str:
-        """The treatment in words."""
-        return "which a tie keeps"
-
-
 def _depths(p: WeightedGap) -> Array:
     """Depths of the owned nodes, at least 0, NaN where there is no partner. Collective.
 
@@ -206,7 +166,7 @@ def _depths(p: WeightedGap) -> Array:
     corners, one for each smooth patch. With constraints at points they are the projection of the
     points' depths onto functions of the patches of nodes. With updated geometry, where the points
     change from one evaluation to the next, they are means around each patch, increased until no
-    point is deeper.
+    point is deeper. A tie keeps any gap: its constraints have no initial gap, and no depth.
     """
     if isinstance(p.rows, PointRows) and p.cut is not None:
         depth = _depths_of_points(p)
