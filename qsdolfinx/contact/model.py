@@ -540,16 +540,6 @@ class ContactModel:
         return self.settings.master
 
     @property
-    def type(self) -> ContactType:
-        """What the constraints measure."""
-        return self.settings.type
-
-    @property
-    def has_gaps(self) -> bool:
-        """Whether the constraints are normal gaps, and not those of a tie or a scalar field."""
-        return self.type in ContactType.GAPS
-
-    @property
     def is_scalar(self) -> bool:
         """Whether the unknowns are scalar fields, such as temperatures, which cause no motion."""
         return self.type is ContactType.FIELD
@@ -558,6 +548,16 @@ class ContactModel:
     def with_itself(self) -> bool:
         """Whether slave and master are the same boundary (self-contact)."""
         return self.type is ContactType.ITSELF
+
+    @property
+    def type(self) -> ContactType:
+        """What the constraints measure."""
+        return self.settings.type
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the constraints are normal gaps, and not those of a tie or a scalar field."""
+        return self.type in ContactType.GAPS
 
     @property
     def comm(self) -> MPI.Intracomm:
