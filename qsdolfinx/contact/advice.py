@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.contact.findings import tell
+from qsdolfinx.contact.contact_type import ContactType
+from qsdolfinx.contact.findings import Check, tell
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
@@ -49,29 +50,6 @@ THIN = 0.4
 STRAIGHT = 1e-5
 
 
-def advise(model: ContactModel) -> None:
-    """Warn, on all ranks, of probable mistakes at the first contact detection. Collective."""
-    if model.is_scalar:
-        text = _pairing(model)
-        if not text and _total(model, len(model.gaps[0].rows.reached)) == 0:
-            text = "slave, master: nothing is opposite to each other; nothing flows"
-        if text:
-            tell(model, "pairs", text)
-        return
-    if model.with_itself:  # most of this surface faces nothing
-        text = _overclosure(model)
-        if text:
-            tell(model, "initial overclosure", text)
-        return
-    turned = find_turned(model)
-    found = {"side of facets": turned, "finer master": _finer_master(model), CHORDS: chords(model)}
-    if not turned:
-        found |= {"pairs": _pairing(model), "initial overclosure": _overclosure(model)}
-    for kind, text in found.items():
-        if text:
-            tell(model, kind, text)
-
-
 # --- Few or no nodes are paired
 
 
@@ -91,7 +69,8 @@ class Candidates(typing.NamedTuple):
     away: float
 
 
-def _pairing(model: ContactModel) -> str:
+def find_unpaired(model: ContactModel) -> str:
+    """Warning if few or no nodes are paired; otherwise empty. Collective."""
     rows = _total(model, len(model.gaps[0].rows.reached))
     tool = as_tool(model.master)
     if tool is not None and tool.is_analytic:
@@ -121,6 +100,13 @@ def _pairing(model: ContactModel) -> str:
         "larger search_radius, or check the positions of the meshes (time steps, which update the "
         "contact pairs, may bring them together)"
     )
+
+
+def find_no_flow(model: ContactModel) -> str:
+    """Warning if nothing conducts between two surfaces; otherwise empty. Collective."""
+    if _total(model, len(model.gaps[0].rows.reached)) > 0:
+        return ""
+    return "slave, master: nothing is opposite to each other; nothing flows"
 
 
 def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
@@ -171,7 +157,8 @@ def _total(model: ContactModel, count: int) -> int:
 # --- Facets
 
 
-def _finer_master(model: ContactModel) -> str:
+def find_finer_master(model: ContactModel) -> str:
+    """Warning if nodal quadrature meets a much finer master; otherwise empty. Collective."""
     if model.settings.sampling.quadrature != "nodal" or len(model.of_sides) > 1:
         return ""
     sizes = local_sizes(model)
@@ -220,10 +207,11 @@ def facet_sizes(x: Array) -> Array:
 # --- Penetration
 
 
-def _overclosure(model: ContactModel) -> str:
+def find_overclosure(model: ContactModel) -> str:
+    """Warning about deep penetration that the next solve resolves at once; otherwise empty."""
     overclosure = model.overclosure
     size = model.paired.facet_size
-    if model.law.jump or overclosure.treatment != "resolve" or overclosure.depth <= DEEP * size:
+    if overclosure.treatment != "resolve" or overclosure.depth <= DEEP * size:
         return ""
     return (
         f"initial_overclosure: the surfaces penetrate each other by {overclosure.depth:.3g}, "
@@ -257,7 +245,7 @@ def chord_errors(settings: Settings, thin: float = 0.0) -> ChordErrors | None:
     Collective.
 
     Args:
-        settings: The contact.
+        settings: A contact with normal gaps.
         thin: Clearance or interference, in units of the largest facet, up to which all chord
             errors count.
     """
@@ -266,7 +254,7 @@ def chord_errors(settings: Settings, thin: float = 0.0) -> ChordErrors | None:
     assert smoothing is not None
     flat = flat_sides(settings)
     exact = analytic and sampling.quadrature == "nodal"
-    if settings.law.jump or exact or not flat.any():
+    if exact or not flat.any():
         return None
     degree = degree_of_rule(slave, master, follows=False)
     found = find_conforming(slave, master, degree, radius_of(settings), smoothing)
@@ -411,3 +399,15 @@ def _finer(model: ContactModel, found: ChordErrors) -> str:
         return ""
     size = min(sizes[coarser] * np.sqrt(allowed / errors[coarser]), found.gap / THIN)
     return f"facets of size {size:.2g}"
+
+
+#: Checks after the first contact detection, in the order in which they are made. Most of a surface
+#: in contact with itself faces nothing.
+AT_FIRST = (
+    Check("side of facets", find_turned, ContactType.NORMAL | ContactType.TIE),
+    Check("finer master", find_finer_master, ContactType.NORMAL | ContactType.TIE),
+    Check(CHORDS, chords, ContactType.NORMAL),
+    Check("pairs", find_unpaired, ~ContactType.ITSELF, unless="side of facets"),
+    Check("pairs", find_no_flow, ContactType.FIELD),
+    Check("initial overclosure", find_overclosure, ContactType.GAPS, unless="side of facets"),
+)

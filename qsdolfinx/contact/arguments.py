@@ -10,6 +10,7 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FINITE, check, either, instance, require
 from qsdolfinx.friction.laws import Friction
+from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.laws import Conductance, Law, Unilateral
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
@@ -43,10 +44,9 @@ def default_constraints(
     quadrature: str, formulation: str, law: Law, enforcement: str, sliding: str
 ) -> str:
     """Default of ``constraints``: points where available; a user's law needs multipliers there."""
-    if sliding == "finite" and not law.jump:
-        return "points"
     points = quadrature == "overlay" and formulation != "double-pass" and not law.memory
     points &= enforcement == "augmented-lagrangian" or type(law) is Unilateral
+    points |= sliding == "finite"
     return "points" if points and not law.jump else "nodes"
 
 
@@ -166,8 +166,8 @@ def check_memory(
     commits = type(law).commit is not Law.commit
     require(commits, f"law: {of}needs commit, which returns its memory after a step")
     require(enforcement == "penalty", f'enforcement: {of}uses gap and ε only; use "penalty"')
-    small = sliding == "small" or law.jump
-    require(small, f'sliding: {of}is evaluated at nodes of fixed pairs; use "small"')
+    fixed = not follows(sliding, law)
+    require(fixed, f'sliding: {of}is evaluated at nodes of fixed pairs; use "small"')
     require(constraints == "nodes", f'constraints: {of}is evaluated at nodes; use "nodes"')
     text = f"penalty: {of}needs a number, as ε is a part of it"
     require(penalty != "auto", f'{text}; "auto" differs on each mesh')

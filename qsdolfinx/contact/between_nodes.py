@@ -46,7 +46,7 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
         model: The contact, solved.
     """
     settings = model.settings
-    if model.law.jump or settings.sampling.quadrature != "overlay":
+    if settings.sampling.quadrature != "overlay":
         return None
     limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
     if _deepest_when_paired(model) + motion_since(model, model.placement.as_paired) <= limit:
@@ -91,8 +91,7 @@ def find_deep_corners(model: ContactModel) -> str | None:
     sharp = sharp_nodes(model.slave)
     if model.settings.sharp[0]:  # constraints of the slave's vertices, active from first contact
         sharp[model.of_vertices[0].rows.reached] = False
-    none = model.law.jump or model.with_itself
-    if none or not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
+    if not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return None
     closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
     noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from qsdolfinx.base.checks import require
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel, Settings
+from qsdolfinx.gap.following import follows
 from qsdolfinx.pairing.pair import degree_of_rule
 from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import as_tool
@@ -80,11 +81,11 @@ def check_fields(models: typing.Sequence[ContactModel]) -> None:
 
 def _finite(settings: Settings) -> Settings:
     """Same settings with finite sliding."""
-    follows, sampling = not settings.law.jump, settings.sampling
+    updated, sampling = follows("finite", settings.law), settings.sampling
     sides = settings.slave, settings.master
     sampling = sampling._replace(
-        degree=sampling.degree if sampling.degree_is_given else degree_of_rule(*sides, follows),
+        degree=sampling.degree if sampling.degree_is_given else degree_of_rule(*sides, updated),
         normals="facet",
-        smoothing=Smoothing(*sides, (None, None), follows),
+        smoothing=Smoothing(*sides, (None, None), updated),
     )
     return dataclasses.replace(settings, sliding="finite", sampling=sampling)

@@ -1,4 +1,7 @@
-"""Conductances and frictional heat of contact of scalar fields. All functions are collective."""
+"""Conductances and frictional heat of contact of scalar fields. All functions are collective.
+
+They include the functions of ``model.Physics``; those of bodies are in ``contact.bodies``.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.findings import tell
-from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.model import ContactModel, Paired
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -26,9 +29,9 @@ WIDE = "wide gaps"
 NOTHING = 1e-2
 
 
-def begin(model: ContactModel) -> None:
+def begin(model: ContactModel, paired: Paired) -> None:
     """Prepare new contact pairs for their first evaluation."""
-    law, gap = model.law, model.gaps[0]
+    law, gap = model.law, paired.gaps[0]
     if not isinstance(law, Conductance):
         return
     h = np.zeros(gap.num_rows) if law.of_state else law.values(gap.num_rows)

@@ -15,8 +15,9 @@ from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import motion, multipliers, overclosed
-from qsdolfinx.contact.advice import advise, tell_smoothed
+from qsdolfinx.contact.advice import AT_FIRST, tell_smoothed
 from qsdolfinx.contact.arguments import SLAVE
+from qsdolfinx.contact.findings import look
 from qsdolfinx.contact.making import Arguments, choose, make
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.moved import moved
@@ -239,7 +240,7 @@ class Contact:
         self.results = ContactResults(self.model)
         self._smoothing = made.smoothing
         motion.pair_anew(self.model)
-        advise(self.model)
+        look(self.model, AT_FIRST)
         if made.alike is not None:
             tell_smoothed(self.model, made.alike)
 

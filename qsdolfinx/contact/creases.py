@@ -22,9 +22,7 @@ def find_crossing_edges(model: ContactModel) -> str | None:
     Args:
         model: The contact, solved.
     """
-    settings = model.settings
-    none = model.law.jump or model.with_itself or not all(settings.sharp)
-    if none or not model.follows or model.slave.gdim == 2:
+    if not all(model.settings.sharp) or not model.follows or model.slave.gdim == 2:
         return None
     now = model.placement
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typing
 
 from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel
 
 
@@ -14,23 +15,29 @@ class Check(typing.NamedTuple):
     Attributes:
         kind: Name of the finding.
         find: Function that checks a contact without changing it. It returns the problem and its
-            remedy, or None for no problem. Collective.
+            remedy, or None or an empty text for no problem. Collective.
+        meant_for: Types of contacts that are checked; ``find`` is not called for others.
         category: Class of the warning.
+        unless: Kind of a finding that explains this one: after it, there is no check.
     """
 
     kind: str
     find: typing.Callable[[ContactModel], str | None]
+    meant_for: ContactType
     category: type[ContactWarning] = ContactWarning
+    unless: str = ""
 
 
 def look(model: ContactModel, checks: typing.Iterable[Check]) -> None:
-    """Run the checks that have not found anything yet, and warn of findings. Collective."""
+    """Run the checks that are meant for a contact, and warn of findings. Collective.
+
+    A check that has found something before is not run again.
+    """
     for check in checks:
-        if check.kind in model.told:
-            continue
-        text = check.find(model)
-        if text:
-            tell(model, check.kind, text, check.category)
+        if model.type in check.meant_for and not {check.kind, check.unless} & model.told:
+            text = check.find(model)
+            if text:
+                tell(model, check.kind, text, check.category)
 
 
 def tell(

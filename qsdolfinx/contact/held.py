@@ -80,15 +80,13 @@ def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> Non
         held = _held_on_both_sides(model, gap, by_node, *vecs)
         own = _read(gap.slave, vecs[0])[by_node.operator.row_node] != 0
         alone[sides[0]] |= bool(np.any(own & ~held))
-        pressed = _along_normal(by_node, held)
-        clamped = held & pressed
-        of_gap = (held, clamped) if gap.law.jump else (pressed, pressed)
-        gap.extension = _extension(model, gap, by_node, *of_gap)
+        pressed, of_gap = _along_normal(by_node, held), _of_gap(by_node, held)
+        gap.extension = _extension(model, gap, by_node, of_gap, of_gap & pressed)
         if slip is not None and model.comm.allreduce(bool(held.any()), op=MPI.LOR):
             slip.may_be_held = True
             of_master = None if vecs[1] is None else np.array(vecs[1].array_r)
             at_nodes = model.held_nodes[-1].at_nodes
-            of_slip = HeldSlip(slip, by_node, held, clamped, at_nodes, of_master)
+            of_slip = HeldSlip(slip, by_node, held, held & pressed, at_nodes, of_master)
             model.held_slips.append(of_slip)
     model.held_alone = tuple(model.comm.allreduce(flag, op=MPI.LOR) for flag in alone)
 
@@ -281,8 +279,7 @@ def _held_on_both_sides(
         if tool is None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
-    components = held[at] if gap.law.jump else _along_normal(at_nodes, held[at])
-    model.held_nodes.append(HeldNodes(gap, at_nodes, components))
+    model.held_nodes.append(HeldNodes(gap, at_nodes, _of_gap(at_nodes, held[at])))
     # Where the normal of a node misses the master: whether the master is constrained beside the
     # node.
     beside = own[row_node]
@@ -371,10 +368,13 @@ def _read(surface: Surface, vec: PETSc.Vec | None) -> Array:
     return np.asarray(vec.array_r[surface.node_dofs - vec.owner_range[0]], dtype=np.float64)
 
 
+def _of_gap(gap: WeightedGap, held: Flags) -> Flags:
+    """Constrained components of gaps, or of relative displacements, (rows, width)."""
+    return held if gap.law.jump else _along_normal(gap, held)
+
+
 def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     """Constraints without a free component along the normal of their node, shape (rows, 1)."""
-    if gap.slave.is_scalar:
-        return held
     normal = gap.slave.node_normal[gap.operator.row_node, : gap.slave.gdim]
     at = _in_corner(gap)
     if at.any():
@@ -434,5 +434,4 @@ def _prescribed_gap(
     with _linear(gap, model.ordered(gap, u)) as (slave, master):
         assert slave is not None
         p.evaluate((slave, master))
-    gaps = np.abs(p.state.values) if model.law.jump else p.state.values
-    return float(np.max(gaps[np.broadcast_to(held.components, gaps.shape)], initial=0.0))
+    return float(np.max(p.violation[held.components], initial=0.0))

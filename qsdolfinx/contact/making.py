@@ -8,6 +8,7 @@ import typing
 from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import renamed
+from qsdolfinx.contact import bodies, conduction
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
 from qsdolfinx.contact.advice import THIN, ChordErrors, chord_errors, smoothed
 from qsdolfinx.contact.arguments import (
@@ -26,9 +27,11 @@ from qsdolfinx.contact.arguments import (
     default_constraints,
     default_enforcement,
 )
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty, points_factor
 from qsdolfinx.friction.history import FrictionHistory
+from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
@@ -110,7 +113,7 @@ class Chosen(typing.NamedTuple):
     @property
     def follows(self) -> bool:
         """Whether gaps are updated with the deformed geometry."""
-        return bool(self.given.sliding == "finite" and not self.given.law.jump)
+        return follows(self.given.sliding, self.given.law)
 
 
 def choose(a: Arguments) -> Chosen:
@@ -134,8 +137,8 @@ def choose(a: Arguments) -> Chosen:
         check_formulation(a.formulation, a.enforcement, a.master)
         same(one_of(QUADRATURES), quadrature=a.quadrature)
         check(instance(Law, "qs.Tied() or qs.Unilateral()"), law=a.law)
-        follows = a.sliding == "finite" and not a.law.jump
-        degree = check_quadrature(a.slave, a.master, a.quadrature, a.quadrature_degree, follows)
+        updated = follows(a.sliding, a.law)
+        degree = check_quadrature(a.slave, a.master, a.quadrature, a.quadrature_degree, updated)
         check_friction(a.friction, a.slave)
         # Compare arguments before values derived from them: the message names the first that
         # differs.
@@ -234,7 +237,7 @@ def make(chosen: Chosen) -> Made:
     smoothing = a.smoothing
     if a.is_automatic:
         may_be = (a.quadrature, a.sliding) == ("overlay", "small")
-        may_be &= not (a.itself or a.slave.is_scalar)
+        may_be &= settings.type is ContactType.NORMAL
         alike = chord_errors(settings, THIN) if may_be else None
         smoothing = "none"
     if alike is not None:
@@ -255,12 +258,12 @@ def make(chosen: Chosen) -> Made:
     friction = None
     if a.friction is not None:
         friction = FrictionHistory(a.friction, slave, a.friction_penalty)
-    bodies = None
+    mechanics = None
     if a.mechanics is not None:
-        bodies = BodiesContact(a.mechanics.model, slave, master)
-    model = ContactModel(
-        settings, kinematics, penalty, Overclosure(a.initial_overclosure), friction, bodies
-    )
+        mechanics = BodiesContact(a.mechanics.model, slave, master)
+    overclosure = Overclosure(a.initial_overclosure)
+    physics = conduction if a.slave.is_scalar else bodies
+    model = ContactModel(settings, physics, kinematics, penalty, overclosure, friction, mechanics)
     model.name = a.name
     model.sliding_is_given = chosen.sliding_is_given
     model.sliding_is_open = (

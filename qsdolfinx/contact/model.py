@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.timing import Stopwatch
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.penalty import Penalty
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction.history import FrictionHistory
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.facet_cutter import FacetCutter, Overlay
-from qsdolfinx.gap.following import Cutter, Following
+from qsdolfinx.gap.following import Cutter, Following, follows
 from qsdolfinx.gap.friction_heat import FrictionHeat
 from qsdolfinx.gap.kinematics import Kinematics
 from qsdolfinx.gap.laws import Law, Unilateral
@@ -87,6 +88,15 @@ class Settings:
     gap_tolerance: float
     sliding: str = "small"
     sharp: tuple[bool, bool] = (False, False)
+
+    @property
+    def type(self) -> ContactType:
+        """What the constraints measure."""
+        if self.slave.is_scalar:
+            return ContactType.FIELD
+        if self.law.jump:
+            return ContactType.TIE
+        return ContactType.NORMAL if self.slave.key is None else ContactType.ITSELF
 
     @property
     def rows(self) -> str:
@@ -273,7 +283,7 @@ def find_pairs(
             rows=settings.rows,
             augmented=settings.augmented or settings.rows == "points",
             following=_following(settings, first, second, radius),
-            turns=settings.sliding if settings.law.jump else None,
+            turns=settings.sliding,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -326,7 +336,7 @@ def _following(
         vertices_of: Body whose vertices are the points: ``"slave"`` or ``"tool"``; None for points
             on facets.
     """
-    if settings.sliding == "small" or settings.law.jump:
+    if not follows(settings.sliding, settings.law):
         return None
     tool, degree = as_tool(master), settings.sampling.degree
     cutter: Cutter
@@ -414,11 +424,28 @@ class Coupling(typing.Protocol):
         """Free the matrices. Collective."""
 
 
+class Physics(typing.Protocol):
+    """Functions in which contacts of bodies and of scalar fields differ.
+
+    They are those of the modules ``contact.bodies`` and ``contact.conduction``.
+    """
+
+    def begin(self, model: ContactModel, paired: Paired) -> None:
+        """Prepare new contact pairs, before the contact has them. Collective."""
+
+    def look(self, model: ContactModel) -> None:
+        """Check and use data that may have changed, before gaps are evaluated. Collective."""
+
+    def evaluate(self, model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
+        """Compute what depends on the gaps, after they have been evaluated. Collective."""
+
+
 class ContactModel:
     """State and settings of a contact, from which its terms are evaluated.
 
     Args:
         settings: Constant settings of the contact.
+        physics: Functions for its type of unknowns.
         kinematics: How unknowns move its surfaces.
         penalty: Penalty parameter ε.
         overclosure: Treatment of initial penetration.
@@ -429,6 +456,7 @@ class ContactModel:
     def __init__(
         self,
         settings: Settings,
+        physics: Physics,
         kinematics: Kinematics,
         penalty: Penalty,
         overclosure: Overclosure,
@@ -436,6 +464,7 @@ class ContactModel:
         mechanics: Mechanics | None = None,
     ) -> None:
         self.settings = settings
+        self.physics = physics
         self.kinematics = kinematics
         self.penalty = penalty
         self.overclosure = overclosure
@@ -513,12 +542,22 @@ class ContactModel:
     @property
     def is_scalar(self) -> bool:
         """Whether the unknowns are scalar fields, such as temperatures, which cause no motion."""
-        return self.slave.is_scalar
+        return self.type is ContactType.FIELD
 
     @property
     def with_itself(self) -> bool:
         """Whether slave and master are the same boundary (self-contact)."""
-        return self.slave.key is not None
+        return self.type is ContactType.ITSELF
+
+    @property
+    def type(self) -> ContactType:
+        """What the constraints measure."""
+        return self.settings.type
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether the constraints are normal gaps, and not those of a tie or a scalar field."""
+        return self.type in ContactType.GAPS
 
     @property
     def comm(self) -> MPI.Intracomm:

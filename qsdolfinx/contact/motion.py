@@ -13,7 +13,8 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FUNCTION, check, either, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import conduction, memory, multipliers, overclosed, shown, terms
+from qsdolfinx.contact import memory, multipliers, overclosed, shown, terms
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, find_pairs
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.friction import carried
@@ -37,7 +38,7 @@ def pair_anew(model: ContactModel) -> None:
     first = model.num_pairings == 0
     model.master.check_state()
     shown.keep(model)
-    if not first and model.law.jump and not model.is_scalar:
+    if not first and model.type is ContactType.TIE:
         _follow(model)
         return
     with model.watch.stage("pairing"):
@@ -50,11 +51,8 @@ def pair_anew(model: ContactModel) -> None:
         shares = model.mechanics is not None and model.mechanics.shares_pairs
         known = model.mechanics.points() if shares and model.mechanics is not None else None
         paired = find_pairs(model.settings, model.friction, known)
-        if not model.is_scalar:
-            (overclosed.read if first else overclosed.follow)(model, paired)
+        model.physics.begin(model, paired)
         model.paired = paired
-        if model.is_scalar:
-            conduction.begin(model)
         _continue_step(model)
         if not first:
             memory.write(memory.of_nodes(model), kept)
@@ -136,7 +134,7 @@ def move_tool(model: ContactModel) -> None:
         _move_followed_tool(model)
         return
     if model.paired.tool_version != model.master.version:
-        if not model.law.jump:
+        if model.type is not ContactType.TIE:
             raise RuntimeError("the tool has been moved for good: call contact.update()")
         _carry(model, False)
     model.master.check_state()
@@ -149,7 +147,7 @@ def move_tool(model: ContactModel) -> None:
         # Displacement-based bodies are paired at the end position of the tool; with friction,
         # others move along with it.
         alone = model.friction is None and not model.kinematics.in_displacement[0]
-        if tool is not None and alone and not model.law.jump and tool.rotation.any():
+        if tool is not None and alone and model.has_gaps and tool.rotation.any():
             _turn_in_place(model, tool)
     model.tool_motion = model.master.motion
 

@@ -38,7 +38,7 @@ def read(model: ContactModel, paired: Paired) -> None:
     overclosure.read(paired.gaps, seen, paired.facet_size)
     overclosure.follow(paired.gaps, seen)  # for sliding before pairs are updated
     overclosure.apply(paired.gaps)
-    if not model.law.jump and overclosure.depth > TOLERANCE * paired.facet_size:
+    if overclosure.depth > TOLERANCE * paired.facet_size:
         nodes = overclosure.deep_nodes
         model.overclosed_from = OverclosedStart(
             nodes, seen[0][nodes], model.slave.node_normal[nodes]
@@ -47,8 +47,7 @@ def read(model: ContactModel, paired: Paired) -> None:
 
 def follow(model: ContactModel, paired: Paired) -> None:
     """Set the allowed overclosure of updated contact pairs. Collective."""
-    if not model.law.jump:
-        model.overclosure.follow(paired.gaps, _seen(model))
+    model.overclosure.follow(paired.gaps, _seen(model))
     model.overclosure.apply(paired.gaps)
 
 

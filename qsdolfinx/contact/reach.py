@@ -29,8 +29,6 @@ def find_passed_through(model: ContactModel) -> str | None:
     Args:
         model: The contact, solved.
     """
-    if model.law.jump:
-        return None
     before = model.placement.as_paired
     moved = motion_since(model, before)
     radius = model.paired.search_radius

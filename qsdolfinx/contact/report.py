@@ -13,6 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
 from qsdolfinx.contact.advice import chords
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
@@ -224,7 +225,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
     slave = _side(model, model.slave)
     assert slave is not None
     weighted = results.weighted_penetration(model)
-    depth, places = _depth(model)
+    depth, places, advice = _depth(model)
     return ContactReport(
         slave,
         _side(model, model.master),
@@ -235,7 +236,7 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
         weighted,
         depth,
         places,
-        _advice(model, depth),
+        advice,
         None if model.penalty.value is None else active,
         rows,
         _touching(model),
@@ -322,27 +323,26 @@ def _at_slave(p: WeightedGap) -> int:
 
 
 def _gap_range(model: ContactModel) -> tuple[float, float] | None:
-    sizes = [
-        np.linalg.norm(p.state.values, axis=1) if p.law.jump else p.state.values for p in model.gaps
-    ]
-    gaps = np.concatenate([values.ravel() for values in sizes])
+    gaps = np.concatenate([p.sizes for p in model.gaps])
     low = model.comm.allreduce(float(np.min(gaps, initial=np.inf)), op=MPI.MIN)
     high = model.comm.allreduce(float(np.max(gaps, initial=-np.inf)), op=MPI.MAX)
     return (low, high) if low <= high else None
 
 
-def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...]]:
-    """True penetration, and where it is deepest. Collective."""
+def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...], str]:
+    """True penetration, where it is deepest, and what to do about it. Collective."""
+    if not model.has_gaps:
+        return results.penetration(model), (), ""
     try:
-        penetration = results.penetration(model)
-        return penetration, () if model.law.jump else tuple(deepest(model, PLACES))
+        depth, places = results.penetration(model), tuple(deepest(model, PLACES))
     except ValueError:  # on all ranks
-        return None, ()
+        return None, (), ""
+    return depth, places, _advice(model, depth)
 
 
-def _advice(model: ContactModel, depth: float | None) -> str:
+def _advice(model: ContactModel, depth: float) -> str:
     """What to do about penetration that weighted gaps hide; a penalty leaves some anyway."""
-    if not model.augmented or model.law.jump or depth is None:
+    if not model.augmented:
         return ""
     settings = model.settings
     at_points = settings.constraints == "points"
@@ -365,7 +365,8 @@ def _advice(model: ContactModel, depth: float | None) -> str:
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
     surface, p = deformable(model.master), model.gaps[0]
-    if surface is None or len(model.of_sides) > 1 or model.with_itself or model.is_scalar:
+    is_meant = model.type in ContactType.NORMAL | ContactType.TIE
+    if surface is None or len(model.of_sides) > 1 or not is_meant:
         return 0
     master = surface.linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object
@@ -382,7 +383,7 @@ def _stiffness_ratio(penalty: Penalty) -> float | None:
 
 
 def _treatment(model: ContactModel) -> str:
-    if model.law.jump:
+    if not model.has_gaps:
         return "which a tie keeps"
     allowed = model.overclosure.part
     return f'"{model.overclosure.treatment}", {100 * allowed:.4g} % of it allowed'

@@ -98,7 +98,7 @@ def gap(model: ContactModel, side: str) -> Array:
         ValueError: If the side is a rigid tool, or has no multiplier and is tied.
     """
     agreed(model, side)
-    if model.law.jump:
+    if not model.has_gaps:
         return weighted_gap(model, side)
     if deformable(surface_of(model, side)) is None:
         raise ValueError("side: a rigid tool has no gaps; see those of the slave")
@@ -226,13 +226,12 @@ def dissipation(model: ContactModel, side: str) -> Array:
 
 def penetration(model: ContactModel) -> float:
     """Depth of the deepest point; for ties the size of the relative displacement. Collective."""
-    return weighted_penetration(model) if model.law.jump else depth.penetration(model)
+    return depth.penetration(model) if model.has_gaps else weighted_penetration(model)
 
 
 def weighted_penetration(model: ContactModel) -> float:
     """Largest weighted gap of the slave; for ties its absolute value. Collective."""
-    gaps = model.gaps[0].state.values
-    local = float(np.max(np.abs(gaps) if model.law.jump else gaps, initial=0.0))
+    local = float(np.max(model.gaps[0].violation, initial=0.0))
     return float(model.comm.allreduce(local, op=MPI.MAX))
 
 

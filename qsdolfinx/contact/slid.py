@@ -34,7 +34,7 @@ def find_slid(model: ContactModel) -> str | None:
     On an analytic plane any sliding distance is right, and users who set small sliding are aware of
     its limits.
     """
-    if model.sliding_is_given or model.follows or model.law.jump:
+    if model.sliding_is_given or model.follows:
         return None
     tool = as_tool(model.master)
     if tool is not None and tool.is_plane:
@@ -82,14 +82,12 @@ def slid(model: ContactModel, slave: Array, master: Array | None, tool: Affine |
     points close.
 
     Args:
-        model: The contact.
+        model: The contact; its constraints are normal gaps.
         slave: Displacement of the slave's body since contact detection, at all unknowns of this
             rank (length).
         master: Displacement of the master's body; None for a tool.
         tool: Displacement of a tool.
     """
-    if model.law.jump:  # a tie keeps its pairs
-        return 0.0
     turn = _turn(model, tool)
     local = max(_slid(model, gap, (slave, master), tool, turn) for gap in model.gaps)
     return float(model.comm.allreduce(local, op=MPI.MAX))
@@ -99,13 +97,13 @@ def turned(model: ContactModel) -> float:
     """Largest rotation (radians) of facets of bodies since contact detection. Collective.
 
     Forces act along the normals of contact detection: frictionless forces have the same error. The
-    result is 0 for ties, for nodal quadrature, which stays as in the paper, and on tools: there,
+    result is 0 for nodal quadrature, which stays as in the paper, and on tools: there,
     contact updates for this reason take twice the iterations, and results are no closer to those of
     small steps (``bench/one_newton.py --scenes roller``).
     """
     is_nodal = model.settings.sampling.quadrature == "nodal"
     on_tool = as_tool(model.master) is not None
-    return 0.0 if model.law.jump or is_nodal or on_tool else _turn(model, None)
+    return 0.0 if is_nodal or on_tool else _turn(model, None)
 
 
 def _turn(model: ContactModel, tool: Affine | None) -> float:

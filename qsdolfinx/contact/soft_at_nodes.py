@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from qsdolfinx.contact.advice import local_sizes
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.findings import Check
 from qsdolfinx.contact.model import ContactModel
 
@@ -27,7 +28,7 @@ def find_spikes(model: ContactModel) -> str | None:
     """
     settings, penalty = model.settings, model.penalty
     nodal = settings.sampling.quadrature == "nodal"
-    if not nodal or model.is_scalar or model.augmented or settings.formulation != "quasi-symmetric":
+    if not nodal or model.augmented or settings.formulation != "quasi-symmetric":
         return None
     stiffness = min(penalty.stiffness)
     if penalty.eps >= STIFF * stiffness or not math.isfinite(stiffness):
@@ -45,4 +46,4 @@ def find_spikes(model: ContactModel) -> str | None:
 
 
 #: The check, run when the stiffness of the bodies is known.
-SPIKES = Check("soft penalty at nodes", find_spikes)
+SPIKES = Check("soft penalty at nodes", find_spikes, ContactType.BODIES)

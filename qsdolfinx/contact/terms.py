@@ -5,18 +5,15 @@ For a rigid tool, None takes the place of objects of the master's body.
 
 from __future__ import annotations
 
-import dataclasses
-
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.contact import active_set, conduction
+from qsdolfinx.contact import active_set
 from qsdolfinx.contact.coupling import ConductanceCoupling
 from qsdolfinx.contact.model import BlocksOf, ContactModel
-from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -27,41 +24,12 @@ Weights = npt.NDArray[np.float64] | tuple[npt.NDArray[np.float64], npt.NDArray[n
 
 def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
     """Compute gaps and slips for the unknowns of the two bodies."""
-    if model.is_scalar:
-        conduction.look(model)
+    model.physics.look(model)
     model.evaluated_at, model.is_evaluated, model.kept = model.num_pairings, True, None
     with model.watch.stage("gap"):
         for gap in model.gaps:
             gap.evaluate(model.ordered(gap, (slave, master)))
-        if model.is_scalar:
-            conduction.evaluate(model, slave, master)
-            return
-        model.placement = model.placement.moved(
-            (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
-        )
-        cut = model.gaps[0].cut
-        if cut is not None and isinstance(model.placement.master, ToolPlace):
-            # With finite sliding, contact detection is not done at the end position of a tool in
-            # each step.
-            there = model.placement.master.moved_to(cut.places[1])
-            model.placement = dataclasses.replace(model.placement, master=there)
-        for slip in model.slips:
-            assert model.friction is not None
-            gap, penalty, elastic = slip.gap, model.tangential_eps, 0.0
-            if gap.rows.are_points:
-                penalty, elastic = model.slip_penalty
-            slip.evaluate(
-                model.ordered(gap, (slave, master)),
-                gap.multiplier(model.eps)[:, 0],
-                active_set.closed(model, gap),
-                penalty,
-                model.kinematics.dt,
-                model.friction.slow(model.kinematics.dt, model.paired.facet_size),
-                model.ordered(gap, model.kinematics.in_displacement),
-                gap.state.values[:, 0],
-                model.compliance,
-                elastic,
-            )
+        model.physics.evaluate(model, slave, master)
 
 
 def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:

@@ -19,8 +19,6 @@ NONE = 1e-7
 
 def find_turned_tie(model: ContactModel) -> str | None:
     """Warning about a tie that has rotated too far, or None. Collective."""
-    if not model.law.jump or model.is_scalar:
-        return None
     share = turning_error(model)
     if share <= NOTICED:
         return None
@@ -37,7 +35,7 @@ def turning_error(model: ContactModel) -> float:
     It is the error of the gap times the stiffness of the bodies' nodes beside it; 0 for contact
     that is not tied.
     """
-    if not model.law.jump or model.is_scalar or all(gap.turning is None for gap in model.gaps):
+    if all(gap.turning is None for gap in model.gaps):
         return 0.0
     places = []
     for place in (model.placement.slave, model.placement.master):

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.vertex_normals import NormalsThere
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.surface import Surface
@@ -37,6 +38,11 @@ LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
 #: Largest rotation (radians): a larger one is not distinguished from a rotation in the opposite
 #: direction. The same as in cpp/sliding/ray.cpp.
 MOST_TURNED = 2.6
+
+
+def follows(sliding: str, law: Law) -> bool:
+    """Whether gaps have updated geometry: with finite sliding, but ties keep their pairs."""
+    return sliding == "finite" and not law.jump
 
 
 class NoGapError(ValueError):

@@ -132,8 +132,6 @@ class Overclosure:
     def apply(self, passes: typing.Sequence[WeightedGap]) -> None:
         """Apply the allowed part to the sides, perhaps with updated contact pairs. Collective."""
         for p, depth in zip(passes, self._at_nodes, strict=True):
-            if p.law.jump:  # a tie keeps any gap
-                continue
             if isinstance(p.rows, PointRows) and p.following is not None:
                 p.allow(self.part * np.nan_to_num(depth))
                 continue
@@ -168,10 +166,8 @@ def _depths(p: WeightedGap) -> Array:
     corners, one for each smooth patch. With constraints at points they are the projection of the
     points' depths onto functions of the patches of nodes. With updated geometry, where the points
     change from one evaluation to the next, they are means around each patch, increased until no
-    point is deeper.
+    point is deeper. A tie keeps any gap: its constraints have no initial gap, and no depth.
     """
-    if p.law.jump:
-        return np.full(len(p.slave.node_area), np.nan)
     if isinstance(p.rows, PointRows) and p.cut is not None:
         depth = _depths_of_points(p)
         faces: Array = np.ones(len(depth))

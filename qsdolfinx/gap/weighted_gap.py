@@ -184,7 +184,8 @@ class WeightedGap:
         self.extension: Extension | None = None
         #: Variable data, for fixed contact pairs.
         allowance = zero[:, 0] if following is None else np.zeros_like(multipliers)
-        self.state = GapState(zero, multipliers, zero, zero, allowance)
+        values = zero - self._own.initial_gap[:, None]
+        self.state = GapState(values, multipliers, zero, zero, allowance)
         self.state.base, self.state.vertices = base, vertices
         self.forget()
         #: Motion of tied surfaces since the tie was made; None for other laws.
@@ -192,8 +193,6 @@ class WeightedGap:
         if turns and self.tie is not None:
             self._begin_to_turn()
         self._at_rows: tuple[Array, Array] = multipliers, zero
-        if not law.jump:
-            self.state.values = -self._own.initial_gap[:, None]
 
     @property
     def operator(self) -> _cpp.GapOperator:
@@ -281,6 +280,25 @@ class WeightedGap:
             return self.following.jump_operator(self.cut)
         return self.operator if self.law.jump else self._operator(True)
 
+    @property
+    def condensed(self) -> Flags | None:
+        """Redundant components of a tie, whose jump counts as zero, (rows, gdim); None for none.
+
+        Redundant multipliers of normal gaps belong to gaps like all others.
+        """
+        return self.extension.held if self.extension is not None and self.law.jump else None
+
+    @property
+    def violation(self) -> Array:
+        """Penetration (length), or absolute components of relative displacements, (rows, width)."""
+        return np.abs(self.state.values) if self.law.jump else self.state.values
+
+    @property
+    def sizes(self) -> Array:
+        """Gap of each constraint, or the size of its relative displacement (length), (rows,)."""
+        values = self.state.values
+        return np.linalg.norm(values, axis=1) if self.law.jump else values[:, 0]
+
     def change_of(self, u: Vecs) -> Array:
         """Change of ḡ when the unknowns change by u. Collective."""
         return self.operator.apply(handle_of(u[0]), handle_of(u[1]), self.state.scale)
@@ -299,10 +317,9 @@ class WeightedGap:
         state.values = state.values + state.shift + state.carried
         if state.turned is not None:
             state.values += state.turned.moved
-        if not self.law.jump:
-            state.values -= (self.operator.initial_gap + state.allowance)[:, None]
-        elif self.extension is not None:
-            state.values = np.where(self.extension.held, 0.0, state.values)
+        state.values -= (self.operator.initial_gap + state.allowance)[:, None]
+        if self.condensed is not None:
+            state.values = np.where(self.condensed, 0.0, state.values)
         self._augmented_at_rows()
 
     # --- Co-rotated gaps
@@ -323,8 +340,8 @@ class WeightedGap:
             if vec is not None:
                 vec.destroy()
         error = self.state.values - jump - self.turning.moved(places, self._own)
-        if self.extension is not None:
-            error = np.where(self.extension.held, 0.0, error)
+        if self.condensed is not None:
+            error = np.where(self.condensed, 0.0, error)
         return np.asarray(np.linalg.norm(error, axis=1))
 
     def _begin_to_turn(self) -> None:
@@ -722,6 +739,6 @@ class WeightedGap:
     def stiffness(self, slope: Array) -> Array:
         """S diag(slope), force per length of ḡ, shape (rows,), or of components (rows, width)."""
         stiffness = self.weight * slope
-        if self.extension is None or not self.law.jump:
+        if self.condensed is None:
             return stiffness
-        return np.ascontiguousarray(stiffness[:, None] * ~self.extension.held)
+        return np.ascontiguousarray(stiffness[:, None] * ~self.condensed)

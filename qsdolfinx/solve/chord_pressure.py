@@ -41,8 +41,6 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
         newton: Newton's method, at a solution.
         model: A contact of its system.
     """
-    if model.law.jump or model.is_scalar or model.with_itself:
-        return None
     if model.chord_gaps is None:
         model.chord_gaps = _chord_gaps(model)
     gap = model.gaps[0]

@@ -6,6 +6,7 @@ import functools
 
 from qsdolfinx.contact.advice import CHORDS
 from qsdolfinx.contact.between_nodes import find_deep_between_nodes, find_deep_corners
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.creases import find_crossing_edges
 from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
@@ -17,12 +18,12 @@ from qsdolfinx.solve.newton import Newton
 
 #: Checks after a single solve, in the order in which they are made.
 OF_A_SOLVE = (
-    Check("passed through unseen", find_passed_through, ReachWarning),
-    Check("deep corner", find_deep_corners),
-    Check("deep between nodes", find_deep_between_nodes),
-    Check("turned tie", find_turned_tie),
-    Check("slid with small sliding", find_slid),
-    Check("edges that cross", find_crossing_edges),
+    Check("passed through unseen", find_passed_through, ContactType.NORMAL, ReachWarning),
+    Check("deep corner", find_deep_corners, ContactType.NORMAL),
+    Check("deep between nodes", find_deep_between_nodes, ContactType.GAPS),
+    Check("turned tie", find_turned_tie, ContactType.TIE),
+    Check("slid with small sliding", find_slid, ContactType.GAPS),
+    Check("edges that cross", find_crossing_edges, ContactType.NORMAL),
 )
 
 #: Checks after a time step. The time stepper itself checks for points that have passed through, and
@@ -40,5 +41,5 @@ def diagnose(newton: Newton, contact: ContactModel, is_step: bool = False) -> No
         contact: Contact of the system.
         is_step: Whether it is the end of a time step.
     """
-    chords = Check(CHORDS, functools.partial(find_chord_pressure, newton))
+    chords = Check(CHORDS, functools.partial(find_chord_pressure, newton), ContactType.NORMAL)
     look(contact, [*(OF_A_STEP if is_step else OF_A_SOLVE), chords])

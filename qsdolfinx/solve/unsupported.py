@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+
 from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.contact.findings import tell
+from qsdolfinx.contact.contact_type import ContactType
+from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.system import ContactSystem
 
@@ -31,29 +34,33 @@ def check_unsupported(system: ContactSystem, start: Array) -> None:
         system: System at the solution.
         start: Unknowns at the start of the solve.
     """
-    rigid = system.made.rigid
-    if rigid.free_motions.shape[1] == 0:
-        return
+    find = functools.partial(find_unsupported, system, start)
+    for contact in system.contacts:
+        look(contact, [Check(UNSUPPORTED, find, ContactType.NORMAL)])
+
+
+def find_unsupported(system: ContactSystem, start: Array, contact: ContactModel) -> str | None:
+    """Warning about a body that has rotated freely in a contact, or None. Collective.
+
+    Args:
+        system: System at the solution.
+        start: Unknowns at the start of the solve.
+        contact: One of its contacts.
+    """
+    if contact.friction is not None or system.made.rigid.free_motions.shape[1] == 0:
+        return None
     changes = system.parts(system.x.array_r - start)
-    for contact, sides in zip(system.contacts, system.sides, strict=True):
-        if UNSUPPORTED in contact.told or not _is_free(contact):
-            continue
-        for body in {side for side in sides if side is not None}:
-            turned = _turned_freely(system, contact, body, changes[body])
-            if turned > NOTICED:
-                tell(
-                    contact,
-                    UNSUPPORTED,
-                    f"u[{body}]: the body has rotated by about {turned:.2g} rad, a motion in which "
-                    "only frictionless contact supports it; curved surfaces that fit each other do "
-                    "not resist this motion, so that the result is not unique: hold its rotation "
-                    "by Dirichlet conditions, or give the contact friction",
-                )
-
-
-def _is_free(contact: ContactModel) -> bool:
-    slips = contact.friction is not None
-    return not (slips or contact.law.jump or contact.is_scalar or contact.with_itself)
+    sides = system.sides[system.contacts.index(contact)]
+    for body in {side for side in sides if side is not None}:
+        turned = _turned_freely(system, contact, body, changes[body])
+        if turned > NOTICED:
+            return (
+                f"u[{body}]: the body has rotated by about {turned:.2g} rad, a motion in which "
+                "only frictionless contact supports it; curved surfaces that fit each other do "
+                "not resist this motion, so that the result is not unique: hold its rotation "
+                "by Dirichlet conditions, or give the contact friction"
+            )
+    return None
 
 
 def _turned_freely(system: ContactSystem, contact: ContactModel, body: int, change: Array) -> float:

@@ -61,7 +61,7 @@ class MotionLimits:
                     text = self._turned(f"the {side}'s surface", _turn(contact.comm, *places))
                     if text is not None:
                         return text
-            if self.max_slip is not None and not contact.law.jump:
+            if self.max_slip is not None and contact.model.has_gaps:
                 slipped = _slip(contact.model, start)
                 if slipped > self.max_slip:
                     return f"a slip of {slipped:.3g} facets, above max_slip = {self.max_slip:g}"

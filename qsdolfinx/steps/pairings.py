@@ -127,6 +127,8 @@ class Pairings:
                 continue
             if turning_error(contact.model) > TURNED:
                 return True
+            if not contact.model.has_gaps:  # a tie keeps its pairs
+                continue
             tool = as_tool(contact.master)
             flows = self._in_velocity[s] or (m is not None and self._in_velocity[m])
             moved = off[s], None if m is None else off[m], None if tool is None else self._way(tool)

@@ -55,7 +55,7 @@ class Penetration:
             return None
         self._new = list(self._known)
         for i, (contact, start) in enumerate(zip(self._contacts, starts, strict=True)):
-            if self.limit == "auto" and contact.law.jump:
+            if self.limit == "auto" and not contact.model.has_gaps:
                 continue
             try:
                 text = self._fault(i, contact, start)

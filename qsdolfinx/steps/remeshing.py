@@ -157,7 +157,7 @@ class Remeshing:
             if worst < self.min_quality:
                 return f"a quality of {worst:.3g}, below min_quality = {self.min_quality:g}"
         if self.max_penetration is not None and steps > 0:
-            depths = [c.penetration() for c in scene.problem.contacts if not c.law.jump]
+            depths = [c.penetration() for c in scene.problem.contacts if c.model.has_gaps]
             deepest = max(depths, default=0.0)
             if deepest > self.max_penetration:
                 limit = f"max_penetration = {self.max_penetration:g}"

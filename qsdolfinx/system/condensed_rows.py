@@ -102,8 +102,8 @@ class CondensedRows:
         with collective_errors(self.model.comm):
             slope = active_set.slope(self.model, self.gap)
         out = np.where(at.active, slope, 0.0)[:, None] * np.ones(self._width)
-        extension = self.gap.extension
-        return out if extension is None or not self.gap.law.jump else out * ~extension.held
+        condensed = self.gap.condensed
+        return out if condensed is None else out * ~condensed
 
     def by_trial(self) -> Array:
         """Derivative of y by the sum of γ ḡ and multipliers acting on constraints, (rows,)."""

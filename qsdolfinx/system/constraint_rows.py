@@ -10,18 +10,25 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.gap.laws import Conductance, Tied, Unilateral
+from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import FrictionRows, Tangential
-from qsdolfinx.system.normal_rows import AugmentedLawRows, NodalRows, Normal, NormalRows
+from qsdolfinx.system.normal_rows import (
+    AugmentedLawRows,
+    AugmentedTieRows,
+    NodalRows,
+    Normal,
+    NormalRows,
+    TieRows,
+)
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Laws implemented by ``NodalRows``; all other laws are a user's.
-LAWS = Unilateral, Tied
+#: Constraints at nodes of the laws of the library; all other laws are a user's.
+OF_LAWS: dict[type[Law], type[NodalRows]] = {Unilateral: NodalRows, Tied: TieRows}
 
 
 class Multipliers(typing.NamedTuple):
@@ -101,10 +108,11 @@ class ConstraintRows:
             self.condensed = CondensedRows(model, gap)
         elif gap.rows.are_points:
             self.condensed = PointConstraints(model, gap)
-        elif type(gap.law) in LAWS:
-            self.nodal = NodalRows(model, gap)
+        elif type(gap.law) in OF_LAWS:
+            self.nodal = OF_LAWS[type(gap.law)](model, gap)
         elif model.augmented:
-            self.nodal = AugmentedLawRows(model, gap)
+            of_user = AugmentedTieRows if gap.law.jump else AugmentedLawRows
+            self.nodal = of_user(model, gap)
         else:
             self.condensed = CondensedRows(model, gap)
         normal = self.nodal or self.condensed

@@ -193,26 +193,29 @@ class NodalRows:
 
     def first(self) -> Array:
         """First guess of λ: known values, and ε [ḡ]₊ of the last evaluation at other nodes."""
-        known, law = self.gap.state.augmented, self.gap.law
+        known, gap = self.gap.state.augmented, self.gap
         with collective_errors(self.model.comm):  # a law may be user code
-            new = 0.0 if law.jump else law.multiplier(self.gap.state.values, self.scales.penalty)
+            new = gap.law.multiplier(gap.state.values, self.scales.penalty)
         return np.where(known == 0, new, known)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """See ``NormalRows``."""
         gap = self.gap.state.values - self.scales.compliance[:, None] * multiplier
         trial = multiplier + self._c[:, None] * gap
-        active: Flags = np.ones(self.gap.num_rows, dtype=bool)
-        if not self.gap.law.jump:
-            active = trial[:, 0] > 0
-            if first:
-                near = trial[:, 0] >= -self._c * self.model.paired.touching
-                active |= (multiplier[:, 0] > 0) | near
+        active = self._active(multiplier, trial, first)
         if opened is not None:
             active &= ~opened
         image = np.where(active[:, None], trial, 0.0)
         at = Normal(multiplier, gap, trial, image, active, multiplier)
         return self._with_means(at)
+
+    def _active(self, multiplier: Array, trial: Array, first: bool) -> Flags:
+        """Constraints with y_n > 0; in the first iteration also with λ > 0 or touching, (rows,)."""
+        active: Flags = trial[:, 0] > 0
+        if first:
+            near = trial[:, 0] >= -self._c * self.model.paired.touching
+            active |= (multiplier[:, 0] > 0) | near
+        return active
 
     def _with_means(self, at: Normal) -> Normal:
         """Add the components constrained on both sides, and their λ̄. Collective."""
@@ -220,10 +223,12 @@ class NodalRows:
         if extension is None:
             return at
         means = extension.means(at.multiplier)
-        bears: Flags = np.ones(means.shape, dtype=bool)
-        if not self.gap.law.jump:
-            bears = means + self._c[:, None] * self.gap.state.values > 0
+        bears = self._bears(means)
         return at._replace(held=extension.held, means=np.where(bears, means, 0.0), bears=bears)
+
+    def _bears(self, means: Array) -> Flags:
+        """Components with λ̄ + c_n ḡ > 0, (rows, width)."""
+        return np.asarray(means + self._c[:, None] * self.gap.state.values > 0)
 
     def entries_of_means(self, at: Normal, numbers: Indices) -> tuple[Indices, Indices, Array]:
         """Derivative of W/c_n λ̄ by λ: rows, columns and values. Collective.
@@ -239,15 +244,15 @@ class NodalRows:
 
     def residual(self, at: Normal) -> Array:
         """See ``NormalRows``."""
-        weight = self.gap.weight
-        if self.gap.law.jump:
-            rows = weight[:, None] * at.gap
-        else:
-            rows = (weight / self._c)[:, None] * (at.image - at.multiplier)
+        rows = self._unmet(at)
         if at.held is None or at.means is None:
-            return np.asarray(rows)
-        held = (weight / self._c)[:, None] * (at.means - at.multiplier)
+            return rows
+        held = (self.gap.weight / self._c)[:, None] * (at.means - at.multiplier)
         return np.where(at.held, held, rows)
+
+    def _unmet(self, at: Normal) -> Array:
+        """R_λ of constraints that are not redundant, (rows, width)."""
+        return np.asarray((self.gap.weight / self._c)[:, None] * (at.image - at.multiplier))
 
     def in_forces(self) -> Array:
         """Factors c_n, for which forces are continuous where active sets change."""
@@ -296,8 +301,6 @@ class NodalRows:
         """Derivatives for constraints that are not redundant, (rows,) each. Collective."""
         weight, compliance = self.gap.weight, self.scales.compliance
         own = (weight / self._c) * (at.active * (1 - self._c * compliance) - 1)
-        if self.gap.law.jump:
-            own = -weight * compliance
         return weight * at.active, own
 
     def by_trial(self) -> tuple[Array, Array]:
@@ -323,6 +326,34 @@ class NodalRows:
     def rounding(self) -> float:
         """See ``NormalRows``."""
         return self.scales.largest(self._c)
+
+
+class TieRows(NodalRows):
+    """Constraints of a tie, R_λ = W ḡ*, which are all active.
+
+    Arguments as for :class:`NodalRows`.
+    """
+
+    def first(self) -> Array:
+        """First guess of λ: known values."""
+        return np.asarray(self.gap.state.augmented + 0.0)
+
+    def _active(self, multiplier: Array, trial: Array, first: bool) -> Flags:
+        """All constraints."""
+        return np.ones(self.gap.num_rows, dtype=bool)
+
+    def _bears(self, means: Array) -> Flags:
+        """All components."""
+        return np.ones(means.shape, dtype=bool)
+
+    def _unmet(self, at: Normal) -> Array:
+        """R_λ of constraints that are not redundant, (rows, width)."""
+        return np.asarray(self.gap.weight[:, None] * at.gap)
+
+    def _slopes(self, at: Normal) -> tuple[Array, Array]:
+        """Derivatives for constraints that are not redundant, (rows,) each. Collective."""
+        weight = self.gap.weight
+        return weight * at.active, -weight * self.scales.compliance
 
 
 class AugmentedLawRows(NodalRows):
@@ -356,3 +387,10 @@ class AugmentedLawRows(NodalRows):
         part = at.active * self._slope(at.trial) / self._c
         weight = self.gap.weight
         return np.asarray(weight * part), np.asarray(weight * (part - 1) / self._c)
+
+
+class AugmentedTieRows(AugmentedLawRows, TieRows):
+    """Constraints of a user's law of the whole relative displacement with multipliers.
+
+    Arguments as for :class:`NodalRows`.
+    """

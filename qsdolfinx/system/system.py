@@ -315,7 +315,7 @@ class ContactSystem:
         """Compute gaps and slips for the present unknowns of the bodies. Collective."""
         pairs = list(zip(self.contacts, self.sides, strict=True))
         # Conductances depend on the contact of the bodies, which is therefore evaluated first.
-        for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].is_scalar):
+        for contact, (s, m) in sorted(pairs, key=lambda pair: pair[0].mechanics is not None):
             terms.evaluate(contact, self.bodies[s].x, None if m is None else self.bodies[m].x)
 
     def tangent(self, x: Array) -> PETSc.Mat:
