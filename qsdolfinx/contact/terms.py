@@ -16,7 +16,6 @@ from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set, conduction
 from qsdolfinx.contact.coupling import ConductanceCoupling
 from qsdolfinx.contact.model import BlocksOf, ContactModel
-from qsdolfinx.contact.placement import ToolPlace
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -40,7 +39,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
             (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
         )
         cut = model.gaps[0].cut
-        if cut is not None and isinstance(model.placement.master, ToolPlace):
+        if cut is not None:
             # With finite sliding, contact detection is not done at the end position of a tool in
             # each step.
             there = model.placement.master.moved_to(cut.places[1])
