@@ -122,7 +122,7 @@ def _depths(placement: Placement, side: str, nodes: bool, radius: float) -> tupl
     points = _cpp.sample_nodes(own) if nodes else on_facets(own, own.facet_x.shape[1])
     x = points.slave["x"]
     if is_analytic(other):
-        distance, _ = other.tool.distance(x, other.now)
+        distance, _ = other.tool.distance(x, other.positions())
         return x, -distance  # a point inside is inside in whatever direction it faces
     found = of_points(x, points.normal, own, other.facets(), radius)
     return x, np.where(found.beside, np.nan, found.depth)

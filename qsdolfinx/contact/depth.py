@@ -140,7 +140,7 @@ def _gaps(model: ContactModel, side: str) -> Array:
         return _gaps_to_itself(model, place)
     facets = place.facets()
     if is_analytic(other):
-        found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
+        found = from_shape(other.tool, other.positions(), _cpp.sample_nodes(facets), radius)
     else:
         found = of_nodes(facets, other.facets(), radius)
     at = np.searchsorted(facets.node_dofs[:, 0], place.surface.node_dofs[:, 0])
@@ -170,7 +170,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
         points = [_cpp.sample_nodes(slave)]
         if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
             points.append(on_facets(slave, model.slave.num_facet_vertices))
-        return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
+        return [("slave", from_shape(other.tool, other.positions(), p, radius)) for p in points]
     surfaces = slave, other.facets()
     if model.with_itself:
         return [("slave", _depths_in_itself(_pairs_with_itself(model, *surfaces)))]

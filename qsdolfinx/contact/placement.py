@@ -40,12 +40,12 @@ class Place:
 
     @property
     def bodies(self) -> tuple[Place, ...]:
-        """The place itself, see :class:`ToolPlace`."""
+        """The place itself: the places of bodies on this side."""
         return (self,)
 
     @property
     def motion(self) -> None:
-        """None: a body is no tool."""
+        """None: only the unknowns of the body move it, see :class:`ToolPlace`."""
         return None
 
     def moved(
@@ -148,31 +148,26 @@ class ToolPlace:
         return None
 
     def positions(self) -> Array:
-        """Its position after the motion, as the places of updated gaps have it."""
-        return self.now
+        """Its position after the motion, in the form of :attr:`position`."""
+        if self.motion is None:
+            return self.position
+        return Pose.from_matrix(self.position, self.tool.gdim).moved(self.motion)
 
     def vertices(self) -> Array:
         """Positions of the facets' vertices after the motion, shape (facets, vertices, 3)."""
-        return self.tool.facet_positions(self.now)
+        return self.tool.facet_positions(self.positions())
 
     def carried(self, x: Array, before: AnyPlace) -> Array:
         """Points, (..., 3), after a motion with the tool from an earlier place."""
-        d, first, last, out = self.tool.gdim, before.positions(), self.now, x.copy()
+        d, first, last, out = self.tool.gdim, before.positions(), self.positions(), x.copy()
         R = last[:, :d] @ first[:, :d].T
         out[..., :d] = x[..., :d] @ R.T + (last[:, d] - R @ first[:, d])
         return out
 
     @property
-    def now(self) -> Array:
-        """Its position after the motion."""
-        if self.motion is None:
-            return self.position
-        return Pose.from_matrix(self.position, self.tool.gdim).moved(self.motion)
-
-    @property
     def centers(self) -> tuple[Array, Array]:
         """The tool's centre at contact detection, and after the motion, each of shape (gdim,)."""
-        return self.tool.center_at(self.position), self.tool.center_at(self.now)
+        return self.tool.center_at(self.position), self.tool.center_at(self.positions())
 
     def moved_to(self, position: Array) -> ToolPlace:
         """The place with the motion that leads to a position."""
@@ -183,7 +178,7 @@ class ToolPlace:
 
     def facets(self) -> _cpp.Surface:
         """The tool's facets after the motion. Collective."""
-        return self.tool.facets_at(self.now)
+        return self.tool.facets_at(self.positions())
 
 
 #: Position of either side: both classes answer the same questions.

@@ -46,7 +46,7 @@ class Scene:
             for u, is_ring in zip(problem.u, _are_rings(problem), strict=True)
         ]
         #: Rigid tools, each once.
-        self.tools = problem.system.tools
+        self.tools = list(problem.system.tools)
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step, as ``TimeStepper.rates``.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]

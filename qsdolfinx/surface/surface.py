@@ -323,12 +323,12 @@ class Surface:
 
     @property
     def bodies(self) -> tuple[Surface, ...]:
-        """The surface itself, as it has unknowns: the surfaces of bodies on this side."""
+        """The surface itself: surfaces with unknowns on this side, see :class:`qs.RigidSurface`."""
         return (self,)
 
     @property
     def tools(self) -> tuple[()]:
-        """Empty: the rigid tools on this side, see :class:`qs.RigidSurface`."""
+        """Empty: rigid tools on this side of a contact, see :class:`qs.RigidSurface`."""
         return ()
 
     @property
@@ -377,7 +377,7 @@ class Surface:
         return self
 
     def facet_positions(self, position: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Nodes of this rank's facets at a position, (facets, nodes, 3): the position itself."""
+        """Nodes of this rank's facets, (facets, nodes, 3), which are the position of a body."""
         return position
 
     @property

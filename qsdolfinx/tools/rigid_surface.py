@@ -276,12 +276,12 @@ class RigidSurface:
 
     @property
     def bodies(self) -> tuple[()]:
-        """Empty: the surfaces of bodies on this side of a contact, see :class:`qs.Surface`."""
+        """Empty: surfaces with unknowns on this side of a contact, see :class:`qs.Surface`."""
         return ()
 
     @property
     def tools(self) -> tuple[RigidSurface, ...]:
-        """The tool itself: the rigid tools on this side of a contact."""
+        """The tool itself: rigid tools on this side of a contact."""
         return (self,)
 
     @property
@@ -674,7 +674,7 @@ class RigidSurface:
         return self._shape
 
 
-#: Either side of a contact: both classes answer the same questions.
+#: Either side of a contact: both classes answer the same questions, see docs/design.md.
 AnySurface = Surface | RigidSurface
 
 
