@@ -14,16 +14,16 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.following import Cut
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.surface.affine import EDGES, affine_vec
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
+Trace = tuple[Numbers, npt.NDArray[np.int32], Array]
 
 
 def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
@@ -37,21 +37,20 @@ def check_of(of: ContactModel, slave: Surface, master: AnySurface) -> None:
     text = "mechanics: contact with itself keeps no pairing points"
     require(not of.with_itself, text)
     require(len(of.of_sides) == 1, 'mechanics: "double-pass" has two slaves; use "quasi-symmetric"')
-    other, there = deformable(of.master), deformable(master)
     fits = _same_facets(of.slave, slave)  # also where a rank has none
-    swapped = not fits and other is not None and _same_facets(other, slave)
+    swapped = not fits and any(_same_facets(body, slave) for body in of.master.bodies)
     require(
         not swapped, "mechanics: exchange slave and master, so that they are those of the bodies"
     )
     require(fits, "mechanics, slave: must be on the same facets of one mesh")
-    if other is not None:
-        fits = there is not None and _same_facets(other, there)
+    for body in of.master.bodies:
+        fits = any(_same_facets(body, field) for field in master.bodies)
         require(fits, "mechanics, master: must be on the same facets of one mesh")
 
 
 def shares_pairs(of: ContactModel, master: AnySurface) -> bool:
     """Whether a field with this master uses the bodies' pairs: not on the mesh of a rigid tool."""
-    return (as_tool(of.master) is None) == (as_tool(master) is None)
+    return len(of.master.bodies) == len(master.bodies)
 
 
 def _same_facets(one: Surface, other: Surface) -> bool:
@@ -122,7 +121,7 @@ class BodiesContact:
         self.at_points: PointRows
         if self.shares_pairs:
             pairs = (of.slave, slave), (of.master, master)
-            fits = all(_degree(field) <= _degree(body) for body, field in pairs)
+            fits = all(field.degree <= body.degree for body, field in pairs)
             require(
                 fits, "mechanics: the field's degree on facets must not be above the displacement's"
             )
@@ -144,12 +143,10 @@ class BodiesContact:
         surfaces = self.of.slave.cpp_object, self.of.master.cpp_object
         operator = _cpp.GapOperator(*surfaces, points, jump=False, rows=2)
         self.at_points = PointRows(operator, self.of.slave)
-        bodies = (self.of.slave, points.slave), (self.of.master, points.master)
-        traces = [
-            _trace(deformable(body), deformable(field), found)
-            for (body, found), field in zip(bodies, (self._slave, self._master), strict=True)
-        ]
-        return _cpp.with_traces(points, 1, *traces[0], *traces[1])
+        fields = self._slave, *self._master.bodies
+        sides = zip(self.of.bodies, fields, (points.slave, points.master), strict=False)
+        of_slave, of_master = (*(_trace(*side) for side in sides), _of_tool())[:2]
+        return _cpp.with_traces(points, 1, *of_slave, *of_master)
 
     def pressure(self) -> Array:
         """Contact pressure (stress), not negative. Collective.
@@ -191,16 +188,14 @@ class BodiesContact:
         slave, operator, placement = self.of.slave, self.at_points.operator, self.of.placement
         if self.of.follows:
             return np.maximum(np.asarray(operator.initial_gap), 0.0)
-        vecs, master = [placement.slave.vec()], None
-        if isinstance(placement.master, Place):
-            master = placement.master.vec()
-            vecs.append(master)
-        depth = operator.apply(vecs[0].handle, handle_of(master))[:, 0]
-        if isinstance(placement.master, ToolPlace) and placement.master.motion is not None:
+        vecs = [placement.slave.vec(), placement.master.vec()]
+        depth = operator.apply(handle_of(vecs[0]), handle_of(vecs[1]))[:, 0]
+        if placement.master.motion is not None:
             vecs.append(affine_vec(slave, placement.master.motion))
-            depth = depth - operator.apply(vecs[-1].handle, 0)[:, 0]
+            depth = depth - operator.apply(handle_of(vecs[-1]), 0)[:, 0]
         for vec in vecs:
-            vec.destroy()
+            if vec is not None:
+                vec.destroy()
         return np.maximum(np.asarray(operator.initial_gap) - depth, 0.0)
 
     def dissipation(self) -> Array:
@@ -227,18 +222,19 @@ def _faced_energy(slip: Slip, slave: Surface) -> Array:
     return np.asarray(out * (sums[0] / sums[1] if sums[1] > 0 else 0.0))
 
 
-def _trace(
-    body: Surface | None, field: Surface | None, found: dict[str, typing.Any]
-) -> tuple[Numbers, npt.NDArray[np.int32], Array]:
+def _of_tool() -> Trace:
+    """As :func:`_trace`, of a rigid tool: nothing."""
+    return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32), np.zeros(0)
+
+
+def _trace(body: Surface, field: Surface, found: dict[str, typing.Any]) -> Trace:
     """Unknowns, owners and shape functions of a field at its body's contact points. Collective.
 
     Args:
         body: The body's surface.
-        field: The field's surface; both are None for a rigid tool.
+        field: The field's surface.
         found: One side of the contact quadrature points.
     """
-    if body is None or field is None:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int32), np.zeros(0)
     dofs, values = np.asarray(found["dofs"])[..., 0], np.asarray(found["shape_values"])
     if field.degree < body.degree:
         values = values @ _lowering(field.num_facet_vertices)
@@ -254,10 +250,6 @@ def _lowering(num_vertices: int) -> Array:
     if num_vertices == 4:
         rows.append(np.full(4, 0.25))
     return np.array(rows)
-
-
-def _degree(surface: AnySurface) -> int:
-    return 1 if as_tool(surface) is not None else surface.degree
 
 
 def _owners(surface: Surface, unknowns: Numbers) -> npt.NDArray[np.int32]:

@@ -17,7 +17,7 @@ from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
 from qsdolfinx.pairing.relief import Smoothing
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -72,9 +72,8 @@ class Candidates(typing.NamedTuple):
 def find_unpaired(model: ContactModel) -> str:
     """Warning if few or no nodes are paired; otherwise empty. Collective."""
     rows = _total(model, len(model.gaps[0].rows.reached))
-    tool = as_tool(model.master)
-    if tool is not None and tool.is_analytic:
-        found = _of_shape(model, tool)
+    if is_shape(model.master):
+        found = _of_shape(model, model.master)
     else:
         corners = _box(model.comm, model.master.search_object(model.slave).facet_x)
         low, high = corners[0] - model.paired.search_radius, corners[1] + model.paired.search_radius
@@ -122,8 +121,8 @@ def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
 
 def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> Candidates:
     """Count nodes that are paired with reversed normals, and without a search distance."""
-    slave, master = model.slave.linear, deformable(model.master)
-    other = (model.master if master is None else master.linear).search_object(slave)
+    slave = model.slave.linear
+    other = model.master.linear.search_object(slave)
     x, inside, _ = slave.coordinates
     slave.cpp_object.move(x, 2 * x.mean(axis=1) - inside)
     turned = _cpp.pair_surfaces(slave.cpp_object, other, False, model.paired.radius, 0)
@@ -177,15 +176,14 @@ def local_sizes(model: ContactModel) -> tuple[float, float] | None:
 
     None if nothing is paired, or the master has no relevant facets.
     """
-    master = deformable(model.master)
-    if master is None:
+    if len(model.bodies) < 2:
         return None
     points = model.gaps[0].points
     low, high = _box(model.comm, points.slave["x"])
     if not np.all(low <= high):
         return None
     sizes = []
-    for surface in (model.slave, master):
+    for surface in model.bodies:
         x = surface.coordinates[0]
         middle, size = x.mean(axis=1), facet_sizes(x)
         reach = size[:, None]
@@ -267,17 +265,11 @@ def chord_errors(settings: Settings, thin: float = 0.0) -> ChordErrors | None:
     error, gap = map(float, largest[2:])
     if error <= STRAIGHT * settings.facet_size:
         return None
-    if gap >= max(error / COARSE, thin * _largest(settings)):
+    if gap >= max(error / COARSE, thin * settings.largest_facet):
         return None
     if not _vary_with(slave.comm, found.gap, bulges[:, 0] - bulges[:, 1]):
         return None
     return ChordErrors(largest[:2], error, gap)
-
-
-def _largest(settings: Settings) -> float:
-    """Size of the largest facet of the surfaces; facets of rigid tools do not count."""
-    sides = [side for side in _with_facets(settings) if deformable(side) is not None]
-    return max(side.facet_size_range[1] for side in sides)
 
 
 def flat_sides(settings: Settings) -> npt.NDArray[np.bool_]:
@@ -380,8 +372,8 @@ def _bent(sides: typing.Sequence[AnySurface], flat: npt.NDArray[np.bool_]) -> st
         sides: Slave and master.
         flat: Sides whose facets contact treats as flat.
     """
-    bodies = [deformable(side) for side, is_flat in zip(sides, flat, strict=False) if is_flat]
-    if not all(body is not None and body.largest_height > 0 for body in bodies):
+    treated = [side for side, is_flat in zip(sides, flat, strict=False) if is_flat]
+    if any(side.heights is None for side in treated):
         return "meshes of degree 2, as qs.elevate makes them, and displacements of degree 2"
     return (
         'displacements of degree 2, since sliding="finite" treats facets as flat if displacements '

@@ -14,7 +14,7 @@ from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.laws import Conductance, Law, Unilateral
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid
 
 SLAVE = instance(Surface, "a qsdolfinx.Surface; a rigid tool can be the master only")
 MASTER = instance(Surface | RigidSurface, "a qsdolfinx.Surface, or a rigid tool")
@@ -28,9 +28,8 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
     require(same, "slave and master have different geometric dimensions")
     same = MPI.Comm.Compare(slave.comm, master.comm) in (MPI.IDENT, MPI.CONGRUENT)
     require(same, "slave and master: the meshes must be on the same ranks in the same order")
-    other = deformable(master)
-    if other is not None:
-        slave.check_partner(other)
+    for body in master.bodies:
+        slave.check_partner(body)
 
 
 def default_enforcement(formulation: str, law: typing.Any) -> str:
@@ -88,7 +87,7 @@ def check_field(
         text = "has no multiplier and no penalty, since h takes its place; leave it out"
         require(enforcement == "penalty", f"enforcement: a conductance {text}")
         require(penalty == "auto", f"penalty: a conductance {text}")
-    tool, conductance = isinstance(master, RigidSurface), law if conducts else None
+    tool, conductance = is_rigid(master), law if conducts else None
     if tool:
         text = "use qs.Conductance(h, tool=…), or Dirichlet conditions for a tool's temperature"
         require(conductance is not None, f"law: a rigid tool has no field to be tied to; {text}")

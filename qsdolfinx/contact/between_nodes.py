@@ -19,7 +19,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 from qsdolfinx.pairing.facets import sharp_nodes
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import is_rigid
 
 Array = npt.NDArray[np.float64]
 
@@ -73,8 +73,8 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
         why = "facets are too coarse for the opposite surface, or bodies penetrated each other"
         remedy = "finer facets, or smaller steps"
     elif model.follows:
-        is_tool = as_tool(model.master) is not None
-        remedy = "finer facets" if is_tool else "finer facets, or swap slave and master"
+        can_swap = not is_rigid(model.master)
+        remedy = "finer facets, or swap slave and master" if can_swap else "finer facets"
     place = ", ".join(f"{c:.4g}" for c in x)
     return (
         f"constraints: a point near ({place}) is {depth:.3g} deep in the other surface, "

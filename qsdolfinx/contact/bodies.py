@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 from qsdolfinx.contact import active_set, overclosed
 from qsdolfinx.contact.model import ContactModel, Paired
-from qsdolfinx.contact.placement import ToolPlace
 
 
 def begin(model: ContactModel, paired: Paired) -> None:
@@ -33,7 +32,7 @@ def evaluate(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) ->
         (slave, master), model.kinematics.scale, model.offset or (None, None), model.tool_motion
     )
     cut = model.gaps[0].cut
-    if cut is not None and isinstance(model.placement.master, ToolPlace):
+    if cut is not None:
         # With finite sliding, contact detection is not done at the end position of a tool in
         # each step.
         there = model.placement.master.moved_to(cut.places[1])

@@ -13,7 +13,6 @@ from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.gap.following import follows
 from qsdolfinx.pairing.pair import degree_of_rule
 from qsdolfinx.pairing.relief import Smoothing
-from qsdolfinx.tools.rigid_surface import as_tool
 
 
 def let_follow(models: typing.Sequence[ContactModel]) -> None:
@@ -43,8 +42,7 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
 
 def _is_turned(model: ContactModel) -> bool:
     """Whether the contact has a tool that is driven by a moment."""
-    tool = as_tool(model.master)
-    return tool is not None and tool.driven is not None and tool.driven.turns
+    return any(tool.driven is not None and tool.driven.turns for tool in model.master.tools)
 
 
 def _needs_creases(model: ContactModel, finite: Settings) -> bool:

@@ -14,7 +14,6 @@ from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import BlocksOf, ContactModel, Mechanics
 from qsdolfinx.gap.laws import Conductance
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -38,13 +37,13 @@ class ConductanceCoupling:
         assert isinstance(model.law, Conductance) and model.mechanics is not None
         self._model, self._law, self._mechanics = model, model.law, model.mechanics
         gap, of = model.gaps[0], self._mechanics.of
-        self._surfaces = _both(gap.slave, gap.master)
+        self._surfaces = model.bodies
         self._jump = [_matrix(gap.operator, i, s) for i, s in enumerate(self._surfaces)]
         self._gaps: list[PETSc.Mat] = []
         self._at_points: list[PETSc.Mat] = []
         self._functions: PETSc.Mat | None = None
         if model.with_bodies and self._mechanics.shares_pairs:
-            bodies = _both(of.slave, of.master)
+            bodies = of.bodies
             of_gap = of.gaps[0]
             self._gaps = [_matrix(of_gap.operator, i, s) for i, s in enumerate(bodies)]
             at_points = self._mechanics.at_points.operator
@@ -134,11 +133,6 @@ class ConductanceCoupling:
                     scaled.destroy()
                 pressed.destroy()
             yield out
-
-
-def _both(slave: Surface, master: AnySurface) -> list[Surface]:
-    other = deformable(master)
-    return [slave] if other is None else [slave, other]
 
 
 def _matrix(operator: _cpp.GapOperator, side: int, surface: Surface) -> PETSc.Mat:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place, Placement
+from qsdolfinx.contact.placement import AnyPlace
 from qsdolfinx.pairing.crossings import EdgesRole, deepest_of_creases
 from qsdolfinx.pairing.edges import Edges, edges_at, outward_signs
-from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 #: Depth, in units of the smallest facet, above which crossing sharp edges give a warning.
 NOTICED = 0.02
@@ -30,7 +29,7 @@ def find_crossing_edges(model: ContactModel) -> str | None:
     except DegenerateFacetsError:  # such facets have no distances
         return None
     role = EdgesRole(model.slave, model.master, (True, True), moved)
-    edges = _edges(model.slave, now), _edges(model.master, now)
+    edges = _edges(model.slave, now.slave), _edges(model.master, now.master)
     depth, x = deepest_of_creases(role, edges, model.paired.search_radius)
     if depth <= NOTICED * model.paired.facet_size + model.overclosure.allowed:
         return None
@@ -42,13 +41,7 @@ def find_crossing_edges(model: ContactModel) -> str | None:
     )
 
 
-def _edges(surface: AnySurface, now: Placement) -> Edges:
-    """Sharp edges of one side at its present position. Collective."""
-    tool = as_tool(surface)
-    facets = as_facets(surface, now.slave.surface.axisymmetric)
-    if tool is None:
-        place = now.slave if now.slave.surface is surface else now.master
-        assert isinstance(place, Place)
-        return edges_at(facets, place.vertices(), outward_signs(facets))
-    assert not isinstance(now.master, Place)
-    return edges_at(facets, tool.facet_positions(now.master.now), outward_signs(facets))
+def _edges(surface: AnySurface, place: AnyPlace) -> Edges:
+    """Edges of one side at its present position. Collective."""
+    facets = surface.as_facets()
+    return edges_at(facets, place.vertices(), outward_signs(facets))

@@ -7,8 +7,6 @@ or not the contact law noticed it.
 
 from __future__ import annotations
 
-import typing
-
 from mpi4py import MPI
 
 import numpy as np
@@ -17,7 +15,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.depth import SIDES, DeepPlace
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place, Placement, ToolPlace, is_analytic
+from qsdolfinx.contact.placement import Placement, is_analytic
 from qsdolfinx.pairing.distance import of_points, on_facets
 
 Array = npt.NDArray[np.float64]
@@ -43,29 +41,27 @@ def motion_since(model: ContactModel, before: Placement) -> float:
     comm = model.comm
     if model.placement is before:
         return 0.0
-    moved, other = displacements_since(model, before)
-    if other is None:
+    moved, *others = displacements_since(model, before)
+    if not others:
         return _longest(comm, moved)
     sums = np.append(moved.reshape(-1, 3).sum(axis=0), moved.size / 3)
     sums = comm.allreduce(sums, op=MPI.SUM)
     mean = sums[:3] / max(sums[3], 1.0)
-    return _longest(comm, moved - mean) + _longest(comm, other - mean)
+    return _longest(comm, moved - mean) + _longest(comm, others[0] - mean)
 
 
-def displacements_since(model: ContactModel, before: Placement) -> tuple[Array, Array | None]:
-    """Displacements of the trace's nodes of both sides, (facets, nodes, 3). Collective.
+def displacements_since(model: ContactModel, before: Placement) -> list[Array]:
+    """Displacements of the trace's nodes of the bodies, (facets, nodes, 3) each. Collective.
 
-    With a rigid tool, those of the slave are relative to the tool, and those of the master are
-    None.
+    With a rigid tool, there are those of the slave alone, relative to the tool.
     """
     now = model.placement
-    if isinstance(now.master, ToolPlace):
-        assert isinstance(before.master, ToolPlace)
-        carry = carrying(before.master, now.master)
-        return now.slave.positions() - carry(before.slave.positions()), None
-    assert isinstance(before.master, Place)
-    moved = now.slave.positions() - before.slave.positions()
-    return moved, now.master.positions() - before.master.positions()
+    carried = now.master.carried(before.slave.positions(), before.master)
+    both = zip(now.master.bodies, before.master.bodies, strict=True)
+    return [
+        now.slave.positions() - carried,
+        *(place.positions() - start.positions() for place, start in both),
+    ]
 
 
 def deepest_crossing(
@@ -112,21 +108,6 @@ def _longest(comm: MPI.Intracomm, vectors: Array) -> float:
     return float(comm.allreduce(np.max(lengths, initial=0.0), op=MPI.MAX))
 
 
-def carrying(before: ToolPlace, now: ToolPlace) -> typing.Callable[[Array], Array]:
-    """Function that moves points as the tool has moved."""
-    d = before.tool.gdim
-    first, last = before.now, now.now
-    R = last[:, :d] @ first[:, :d].T
-    b = last[:, d] - R @ first[:, d]
-
-    def carry(x: Array) -> Array:
-        out = x.copy()
-        out[..., :d] = x[..., :d] @ R.T + b
-        return out
-
-    return carry
-
-
 def _sampled(model: ContactModel) -> list[tuple[str, bool]]:
     """Sides to be checked, each with a flag: nodes, or points within facets."""
     sides = SIDES[:1] if model.master.is_analytic else SIDES
@@ -141,7 +122,7 @@ def _depths(placement: Placement, side: str, nodes: bool, radius: float) -> tupl
     points = _cpp.sample_nodes(own) if nodes else on_facets(own, own.facet_x.shape[1])
     x = points.slave["x"]
     if is_analytic(other):
-        distance, _ = other.tool.distance(x, other.now)
+        distance, _ = other.tool.distance(x, other.positions())
         return x, -distance  # a point inside is inside in whatever direction it faces
     found = of_points(x, points.normal, own, other.facets(), radius)
     return x, np.where(found.beside, np.nan, found.depth)

@@ -134,14 +134,13 @@ def _counted(distances: Distances) -> Array:
 def _gaps(model: ContactModel, side: str) -> Array:
     """Distances of the nodes of a deformable side, in the order of the surface. Collective."""
     placement, radius = model.placement, model.paired.search_radius
-    place = placement.place(side)
+    place = placement.bodies[SIDES.index(side)]
     other = placement.master if side == "slave" else placement.slave
-    assert isinstance(place, Place)
     if model.with_itself:
         return _gaps_to_itself(model, place)
     facets = place.facets()
     if is_analytic(other):
-        found = from_shape(other.tool, other.now, _cpp.sample_nodes(facets), radius)
+        found = from_shape(other.tool, other.positions(), _cpp.sample_nodes(facets), radius)
     else:
         found = of_nodes(facets, other.facets(), radius)
     at = np.searchsorted(facets.node_dofs[:, 0], place.surface.node_dofs[:, 0])
@@ -171,7 +170,7 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
         points = [_cpp.sample_nodes(slave)]
         if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
             points.append(on_facets(slave, model.slave.num_facet_vertices))
-        return [("slave", from_shape(other.tool, other.now, p, radius)) for p in points]
+        return [("slave", from_shape(other.tool, other.positions(), p, radius)) for p in points]
     surfaces = slave, other.facets()
     if model.with_itself:
         return [("slave", _depths_in_itself(_pairs_with_itself(model, *surfaces)))]
@@ -232,7 +231,7 @@ def gaps_of_points(model: ContactModel, gap: WeightedGap) -> Distances:
     surfaces = gap.slave.cpp_object, gap.master.cpp_object
     operator = _cpp.GapOperator(*surfaces, gap.points, jump=False, rows=KINDS.index("points"))
     places = model.ordered(gap, (model.placement.slave, model.placement.master))
-    vecs = [place.vec() if isinstance(place, Place) else None for place in places]
+    vecs = [place.vec() for place in places]
     if model.tool_motion is not None and vecs[0] is not None:
         moved = affine_vec(gap.slave, model.tool_motion)
         vecs[0].axpy(-1.0, moved)

@@ -16,7 +16,6 @@ from qsdolfinx.contact.shown import shown
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import nodal_forces
-from qsdolfinx.tools.rigid_surface import deformable
 
 Array = npt.NDArray[np.float64]
 
@@ -56,9 +55,7 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
         p: The integration side; its master is deformable.
         rows: Values c_k of the constraints, shape (rows,).
     """
-    master = deformable(p.master)
-    assert master is not None
-    operator = p.jump_operator()
+    (master,), operator = p.master.bodies, p.jump_operator()
     found = []
     # Use the areas of this operator: surfaces may have moved since the gaps were read.
     for of_rows in (operator.row_area, operator.row_area * rows):
@@ -139,10 +136,8 @@ def deformable_side(model: ContactModel, side: str) -> Surface:
     Raises:
         ValueError: If it is a rigid tool.
     """
-    surface = deformable(results.agreed(model, side))
-    if surface is None:
-        raise ValueError("side: a rigid tool has no fields; see those of the slave")
-    return surface
+    results.agreed(model, side)
+    return results.body_on(model, side, "fields; see those of the slave")
 
 
 def _of_own_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:

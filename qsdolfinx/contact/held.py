@@ -25,7 +25,7 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.pair import Sampling, pair
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.pose import Pose
-from qsdolfinx.tools.rigid_surface import as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -191,7 +191,7 @@ def _way_of_partner(held: HeldSlip, way: PETSc.Vec) -> Array:
     row_node, linear, rows = gap.operator.row_node, at_nodes.slave, at_nodes.operator.row_node
     marker = way.duplicate()
     marker.array[:] = held.of_master
-    made = [_at_vertices(deformable(gap.master), vec) for vec in (way, marker)]
+    made = [_at_vertices(gap.master, vec) for vec in (way, marker)]
     of_vertices, found = (np.zeros((len(linear.node_area), linear.block)) for _ in range(2))
     of_vertices[rows] = _ratio(*(_part_of_master(at_nodes, vec) for vec in made))
     found[rows] = 1.0
@@ -263,11 +263,11 @@ def _held_on_both_sides(
     Collective. The nodes are stored in ``model.held_nodes``; arguments as for :func:`_extension`.
     """
     row_node = by_node.operator.row_node
-    tool = as_tool(gap.master)
     of_force = np.zeros(gap.slave.block, dtype=bool)
-    if tool is not None and tool.driven is not None:  # it moves to the equilibrium of its force
-        every = gap.law.jump or tool.driven.turns
-        of_force |= every or np.abs(tool.driven.direction) > _NONE
+    for tool in gap.master.tools:
+        if tool.driven is not None:  # it moves to the equilibrium of its force
+            every = gap.law.jump or tool.driven.turns
+            of_force |= every or np.abs(tool.driven.direction) > _NONE
     own = (_read(gap.slave, slave) != 0) & ~of_force
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave
@@ -276,14 +276,14 @@ def _held_on_both_sides(
         at = at_nodes.operator.row_node
         held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks no unknown
         held[at] &= ~of_force
-        if tool is None:
+        if of_vertices[1] is not None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
         found[at] = True
     model.held_nodes.append(HeldNodes(gap, at_nodes, _of_gap(at_nodes, held[at])))
     # Where the normal of a node misses the master: whether the master is constrained beside the
     # node.
     beside = own[row_node]
-    if tool is None:
+    if master is not None:
         least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
         beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
@@ -299,8 +299,7 @@ def _in_corner(gap: WeightedGap) -> Flags:
 
 def _at_nodes(model: ContactModel, gap: WeightedGap) -> WeightedGap:
     """The integration side with a gap of each vertex to its own projection. Collective."""
-    master = deformable(gap.master)
-    both = gap.slave.linear, gap.master if master is None else master.linear
+    both = gap.slave.linear, gap.master.linear
     sampling = Sampling("nodal", 1, model.settings.sampling.normals)
     points = pair(*both, sampling, False, model.paired.radius)
     return WeightedGap(*both, points, gap.law, 1.0, rows="cover", augmented=False)
@@ -316,7 +315,7 @@ def _part_of_master(gap: WeightedGap, marker: PETSc.Vec | None) -> Array:
 
 def _is_held(gap: WeightedGap, marker: PETSc.Vec | None, components: Flags) -> bool:
     """Whether a deformable master has these components constrained on this rank. Collective."""
-    if deformable(gap.master) is None or not components.any():
+    if marker is None or not components.any():
         return False
     return bool(np.any(np.abs(_part_of_master(gap, marker)[:, components]) > _NONE))
 
@@ -326,7 +325,7 @@ def _linear(
     gap: WeightedGap, vecs: tuple[PETSc.Vec | None, PETSc.Vec | None]
 ) -> typing.Iterator[tuple[PETSc.Vec | None, PETSc.Vec | None]]:
     """Vectors of the two bodies for ``Surface.linear``: values at vertices. Collective."""
-    surfaces = gap.slave, deformable(gap.master)
+    surfaces = gap.slave, gap.master
     made = [_at_vertices(*both) for both in zip(surfaces, vecs, strict=True)]
     try:
         yield made[0], made[1]
@@ -336,10 +335,11 @@ def _linear(
                 vec.destroy()
 
 
-def _at_vertices(surface: Surface | None, vec: PETSc.Vec | None) -> PETSc.Vec | None:
+def _at_vertices(side: AnySurface, vec: PETSc.Vec | None) -> PETSc.Vec | None:
     """New vector of the body for ``Surface.linear``, with the values at vertices. Collective."""
-    if surface is None or vec is None or surface.degree == 1:
+    if vec is None or side.degree == 1:
         return None if vec is None else vec.copy()
+    (surface,) = side.bodies
     collapsed = surface.collapsed_vec(vec)
     full, linear = fem.Function(surface.collapsed_space), fem.Function(surface.linear.V)
     full.x.array[: len(collapsed.array_r)] = collapsed.array_r

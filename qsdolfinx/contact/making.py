@@ -40,7 +40,7 @@ from qsdolfinx.pairing.facets import has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.surface.itself import boundary_of
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import is_rigid
 
 NAME = Kind(
     "a string that is not empty", lambda x: isinstance(x, str) and bool(x.strip()), TypeError
@@ -175,7 +175,8 @@ def _check_uses(a: Arguments, same: typing.Any) -> Arguments:
     )
     if isinstance(a.law, Conductance):
         same(**a.law.numbers)
-    same(unknown=unknowns_of(a.unknown, as_tool(a.master) is not None))
+    a = dataclasses.replace(a, unknown=unknowns_of(a.unknown, is_rigid(a.master)))
+    same(unknown=a.unknown)
     same(either(POSITIVE, "auto"), penalty=a.penalty)
     same(either(either(POSITIVE, "local"), None), search_radius=a.search_radius)
     same(POSITIVE, gap_tolerance=a.gap_tolerance)
@@ -246,7 +247,7 @@ def make(chosen: Chosen) -> Made:
     if isinstance(a.law, Conductance) and a.law.friction is not None:
         needs_dt = a.mechanics is None or a.mechanics.model.kinematics.dt is None
         needs_dt |= a.dt is not None
-    kinematics = Kinematics(a.unknown, a.dt, needs_dt, rigid_master=as_tool(a.master) is not None)
+    kinematics = Kinematics(a.unknown, a.dt, needs_dt)
     penalty = Penalty(
         a.penalty,
         a.quadrature,

@@ -36,7 +36,7 @@ from qsdolfinx.pairing.relief import check_curved
 from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid, is_shape
 
 T = typing.TypeVar("T")
 
@@ -106,29 +106,40 @@ class Settings:
         return "cover" if self.sampling.quadrature == "overlay" else "area"
 
     @property
+    def bodies(self) -> tuple[Surface, ...]:
+        """Surfaces of bodies: the slave, and the master unless it is a rigid tool."""
+        return self.slave, *self.master.bodies
+
+    @property
     def facet_size(self) -> float:
         """Size of the smallest facet (length)."""
         with_facets = [s for s in (self.slave, self.master) if not s.is_analytic]
         return min(s.facet_size_range[0] for s in with_facets)
 
     @property
+    def largest_facet(self) -> float:
+        """Size of the largest facet of the bodies (length). Collective.
+
+        Facets of rigid tools do not count: on flat parts they may be very large.
+        """
+        return max(surface.facet_size_range[1] for surface in self.bodies)
+
+    @property
     def roles(self) -> list[tuple[Surface, AnySurface]]:
         """Slave and master of each integration side."""
-        first: tuple[Surface, AnySurface] = (self.slave, self.master)
-        master = deformable(self.master)
-        if self.formulation != "double-pass" or master is None:
-            return [first]
-        return [first, (master, self.slave)]
+        roles: list[tuple[Surface, AnySurface]] = [(self.slave, self.master)]
+        if self.formulation == "double-pass":
+            roles += [(body, self.slave) for body in self.master.bodies]
+        return roles
 
     @property
     def roles_of_vertices(self) -> list[VerticesRole]:
         """Roles of slave and master for the constraints of vertices at sharp edges."""
-        master = deformable(self.master)
         out = [VerticesRole(self.slave, self.master, of_tool=False)] if self.sharp[0] else []
-        if self.sharp[1] and master is not None:
-            out.append(VerticesRole(master, self.slave, of_tool=False))
-        elif self.sharp[1] and (self.sliding == "small" or self.slave.gdim == 2):
-            out.append(VerticesRole(self.slave, self.master, of_tool=True))
+        if self.sharp[1]:
+            out += [VerticesRole(body, self.slave, of_tool=False) for body in self.master.bodies]
+        if self.sharp[1] and (self.sliding == "small" or self.slave.gdim == 2):
+            out += [VerticesRole(self.slave, tool, of_tool=True) for tool in self.master.tools]
         return out
 
     @property
@@ -136,13 +147,11 @@ class Settings:
         """Roles of slave and master for the constraints of sharp edges in 3D."""
         if self.master.is_analytic or self.slave.gdim == 2 or self.sliding == "finite":
             return []
-        slave, master, other = self.slave, self.master, deformable(self.master)
+        slave, master = self.slave, self.master
         roles = [EdgesRole(slave, master, (True, True))] if all(self.sharp) else []
         if self.sharp[0]:
-            below = (
-                (slave, master, (True, False)) if other is None else (other, slave, (False, True))
-            )
-            roles.append(EdgesRole(*below))
+            roles += [EdgesRole(body, slave, (False, True)) for body in master.bodies]
+            roles += [EdgesRole(slave, tool, (True, False)) for tool in master.tools]
         if self.sharp[1]:
             roles.append(EdgesRole(slave, master, (False, True)))
         return roles
@@ -260,9 +269,8 @@ def find_pairs(
         friction: None without.
         known: Contact quadrature points of the only integration side; None if they are to be found.
     """
-    slave, master = settings.slave, settings.master
-    bodies = [s for s in (slave, deformable(master)) if s is not None]
-    check_curved(bodies, settings.sampling.quadrature, not master.is_analytic)
+    master = settings.master
+    check_curved(settings.bodies, settings.sampling.quadrature, not master.is_analytic)
     radius = radius_of(settings)
     roles = settings.roles
     both = settings.formulation == "quasi-symmetric"
@@ -338,18 +346,17 @@ def _following(
     """
     if not follows(settings.sliding, settings.law):
         return None
-    tool, degree = as_tool(master), settings.sampling.degree
+    degree = settings.sampling.degree
     cutter: Cutter
-    if tool is not None and tool.is_analytic:
-        cutter = ShapePoints(slave, tool, radius.largest, None if vertices_of else degree)
+    if is_shape(master):
+        cutter = ShapePoints(slave, master, radius.largest, None if vertices_of else degree)
     elif vertices_of == "tool":
-        assert tool is not None
-        cutter = FacetCutter(slave, master, ToolVertices(slave, tool, radius))
+        cutter = FacetCutter(slave, master, ToolVertices(slave, master, radius))
     elif vertices_of == "slave":
         cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
     else:
         # Points of the slave's facets sample all of a tool's shape.
-        both = settings.formulation == "quasi-symmetric" and tool is None
+        both = settings.formulation == "quasi-symmetric" and not is_rigid(master)
         cutter = FacetCutter(slave, master, Overlay(slave, both, radius, degree))
     return Following(slave, master, radius.largest, cutter)
 
@@ -358,19 +365,15 @@ def radius_of(settings: Settings) -> _cpp.SearchRadius:
     """Search distance of contact detection. Collective.
 
     The default is the size of the largest facet, since bodies that are pressed together approach
-    each other in the whole region of later contact. Triangles of a tool do not count: on flat parts
-    they may be very large. With finite sliding the distance is larger, so that Newton iterates do
-    not lose their contact pairs.
+    each other in the whole region of later contact. With finite sliding the distance is larger, so
+    that Newton iterates do not lose their contact pairs.
     """
     if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)
-    slave, master = settings.slave, settings.master
-    largest = slave.facet_size_range[1]
-    if as_tool(master) is None:
-        largest = max(largest, master.facet_size_range[1])
+    largest = settings.largest_facet
     if settings.sliding == "finite":
         largest *= FOLLOWING_REACH
-    local = settings.search_radius == "local" and not master.is_analytic
+    local = settings.search_radius == "local" and not settings.master.is_analytic
     return _cpp.SearchRadius(largest, by_size=local)
 
 
@@ -538,6 +541,11 @@ class ContactModel:
     def master(self) -> AnySurface:
         """The other surface, or a rigid tool."""
         return self.settings.master
+
+    @property
+    def bodies(self) -> tuple[Surface, ...]:
+        """Surfaces of bodies: the slave, and the master unless it is a rigid tool."""
+        return self.settings.bodies
 
     @property
     def is_scalar(self) -> bool:

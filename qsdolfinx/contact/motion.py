@@ -21,7 +21,7 @@ from qsdolfinx.friction import carried
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
 from qsdolfinx.surface.surface import update_surfaces
 from qsdolfinx.tools.pose import Pose
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Vecs = tuple[PETSc.Vec | None, PETSc.Vec | None]
 
@@ -43,8 +43,7 @@ def pair_anew(model: ContactModel) -> None:
         return
     with model.watch.stage("pairing"):
         if not first:
-            surfaces = map(deformable, (model.slave, model.master))
-            update_surfaces(*(s for s in surfaces if s is not None))
+            update_surfaces(*model.bodies)
         kept = {} if first else {q.name: q.read() for q in memory.of_nodes(model)}
         held = memory.held_nodes(model)
         before = () if first else model.slips
@@ -73,8 +72,7 @@ def pair_anew(model: ContactModel) -> None:
 def _follow(model: ContactModel) -> None:
     """Update a tie to present positions; it keeps the contact pairs of its start. Collective."""
     with model.watch.stage("pairing"):
-        surfaces = map(deformable, (model.slave, model.master))
-        update_surfaces(*(s for s in surfaces if s is not None))
+        update_surfaces(*model.bodies)
         _zero_offset(model)
         _carry(model, True)
         set_motion(model)
@@ -143,25 +141,23 @@ def move_tool(model: ContactModel) -> None:
     with model.watch.stage("gap"):
         for part in model.parts:
             part.state.shift = part.change(model.master.motion)
-        tool = as_tool(model.master)
         # Displacement-based bodies are paired at the end position of the tool; with friction,
         # others move along with it.
         alone = model.friction is None and not model.kinematics.in_displacement[0]
-        if tool is not None and alone and model.has_gaps and tool.rotation.any():
-            _turn_in_place(model, tool)
+        for tool in model.master.tools:
+            if alone and model.has_gaps and tool.rotation.any():
+                _turn_in_place(model, tool)
     model.tool_motion = model.master.motion
 
 
 def _move_followed_tool(model: ContactModel) -> None:
     """Move the tool to the end of its motion in gaps with updated geometry. Collective."""
-    tool = as_tool(model.master)
     model.master.check_state()
-    if tool is None:
-        return
-    position = Pose.from_matrix(tool.position, tool.gdim).moved(tool.motion)
-    for gap in model.gaps:
-        gap.move_tool(position)
-    model.tool_motion = tool.motion
+    for tool in model.master.tools:
+        position = Pose.from_matrix(tool.position, tool.gdim).moved(tool.motion)
+        for gap in model.gaps:
+            gap.move_tool(position)
+        model.tool_motion = tool.motion
 
 
 def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
@@ -187,8 +183,7 @@ def _turn_in_place(model: ContactModel, tool: RigidSurface) -> None:
 
 def follow_meshes(model: ContactModel) -> None:
     """Use the present meshes as the reference of gaps with updated geometry. Collective."""
-    surfaces = map(deformable, (model.slave, model.master))
-    update_surfaces(*(s for s in surfaces if s is not None))
+    update_surfaces(*model.bodies)
     for gap in model.gaps:
         gap.rebase()
     model.paired = dataclasses.replace(model.paired, tool_version=model.master.version)

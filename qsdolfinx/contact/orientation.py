@@ -10,7 +10,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.surface.facets import area_vectors
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -42,9 +42,12 @@ def find_turned(model: ContactModel) -> str:
     Each connected shell has its own orientation: a file may contain several shells with one
     reversed.
     """
-    tool = as_tool(model.master)
-    if tool is None or tool.is_analytic:
-        return ""
+    tools = [tool for tool in model.master.tools if not tool.is_analytic]
+    return "".join(_turned_shell(model, tool) for tool in tools)
+
+
+def _turned_shell(model: ContactModel, tool: RigidSurface) -> str:
+    """Warning about a reversed shell of a tool made of facets; else empty. Collective."""
     slave, radius = model.slave.linear, model.paired.search_radius
     other = tool.search_object(slave)
     x, inside, _ = slave.coordinates

@@ -9,11 +9,10 @@ import numpy.typing as npt
 
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
-from qsdolfinx.contact.placement import Place, ToolPlace
 from qsdolfinx.gap.overclosure import TOLERANCE
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, is_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -110,14 +109,13 @@ def _seen(model: ContactModel) -> list[Array]:
 
 def _seen_by(model: ContactModel, slave: Surface, master: AnySurface) -> Array:
     """Nodes in the frame of the other surface; a deformable body's translates. Collective."""
-    x, tool, other = _nodes(model, slave), as_tool(master), deformable(master)
-    if tool is not None:
-        d, position = tool.gdim, tool.position
-        if _has_moved(model) and isinstance(model.placement.master, ToolPlace):
-            position = model.placement.master.now
+    x = _nodes(model, slave)
+    for tool in master.tools:
+        d = tool.gdim
+        position = model.placement.master.positions() if _has_moved(model) else tool.position
         x[:, :d] = (x[:, :d] - position[:, d]) @ position[:, :d]
-    elif other is not None:
-        there = _nodes(model, other)
+    for body in master.bodies:
+        there = _nodes(model, body)
         sums = np.append(there.sum(axis=0), len(there))
         sums = slave.comm.allreduce(sums, op=MPI.SUM)
         x -= sums[:3] / sums[3]
@@ -133,10 +131,7 @@ def _nodes(model: ContactModel, surface: Surface) -> Array:
     """Positions of owned nodes; with finite sliding those of the last evaluation. Collective."""
     x: Array = np.array(surface.node_x)
     if _has_moved(model):
-        placement = model.placement
-        place = placement.slave if surface is model.slave else placement.master
-        assert isinstance(place, Place)
-        vec = place.vec()
+        vec = model.placement.bodies[0 if surface is model.slave else 1].vec()
         first = vec.owner_range[0]
         x[:, : surface.gdim] += vec.array_r[surface.node_dofs - first]
         vec.destroy()
@@ -145,9 +140,9 @@ def _nodes(model: ContactModel, surface: Surface) -> Array:
 
 def _is_flat(model: ContactModel, start: OverclosedStart, allowed: float) -> bool:
     """Whether the master is flat, up to a height, where the slave penetrates. Collective."""
-    x, tool = model.slave.node_x[start.nodes], as_tool(model.master)
-    if tool is not None and tool.is_analytic:
-        normal = tool.distance(x)[1]
+    x = model.slave.node_x[start.nodes]
+    if is_shape(model.master):
+        normal = model.master.distance(x)[1]
         low, high = _range(model.comm, normal)
         return bool(np.all(high - low <= PARALLEL))
     facets = model.master.search_object(model.slave).facet_x

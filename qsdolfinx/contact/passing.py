@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.contact.crossing import carrying
 from qsdolfinx.contact.depth import SIDES
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Placement, ToolPlace, is_analytic
@@ -78,20 +77,18 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
     Raises:
         DegenerateFacetsError: If a facet has no area.
     """
-    if model.law.jump or model.placement is before:
+    if not model.has_gaps or model.placement is before:
         return None
     least = CORNER * model.paired.facet_size
-    slave = _motion(model, before, "slave")
-    if is_analytic(model.placement.master):
-        found = [("slave", slave, _through_shape(model.placement.master, slave))]
+    slave, place = _motion(model, before, "slave"), model.placement.master
+    if is_analytic(place):
+        found = [("slave", slave, _through_shape(place, slave))]
     elif model.with_itself:
         found = [("slave", slave, _through_facets(slave, slave))]
     else:
         master = _motion(model, before, "master")
-        found = [
-            (side, own, _through_facets(own, other))
-            for side, own, other in zip(SIDES, (slave, master), (master, slave), strict=True)
-        ]
+        both = zip(SIDES, (slave, master), (master, slave), strict=True)
+        found = [(side, own, _through_facets(own, other)) for side, own, other in both]
     passed = []
     for side, own, lengths in found:
         if len(lengths) and lengths.max() > least:
@@ -104,19 +101,14 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
 
 def _motion(model: ContactModel, before: Placement, side: str) -> _Motion:
     """Motion of one side since a placement; a rigid tool stays where it is now. Collective."""
-    first, last = before.place(side), model.placement.place(side)
-    facets = last.facets()
-    points = on_facets(facets, facets.facet_x.shape[1])
-    end, normal = points.slave["x"], points.normal
-    if isinstance(last, ToolPlace):
-        return _Motion(facets, facets.facet_x, end, end, normal)
-    earlier = first.facets()
-    start_x, start = earlier.facet_x, on_facets(earlier, earlier.facet_x.shape[1]).slave["x"]
-    if isinstance(model.placement.master, ToolPlace):
-        assert isinstance(before.master, ToolPlace)
-        carry = carrying(before.master, model.placement.master)
-        start_x, start = carry(start_x), carry(start)
-    return _Motion(facets, start_x, start, end, normal)
+    facets, earlier = (place.place(side).facets() for place in (model.placement, before))
+    num_vertices = facets.facet_x.shape[1]
+    points, first = (on_facets(surface, num_vertices) for surface in (facets, earlier))
+    start_x, start = (
+        model.placement.master.carried(x, before.master)
+        for x in (earlier.facet_x, first.slave["x"])
+    )
+    return _Motion(facets, start_x, start, points.slave["x"], points.normal)
 
 
 def _through_facets(points: _Motion, other: _Motion) -> Array:
@@ -126,7 +118,7 @@ def _through_facets(points: _Motion, other: _Motion) -> Array:
 
 def _through_shape(place: ToolPlace, points: _Motion) -> Array:
     """The same for an analytic tool, at its present position. Local."""
-    first, last = (place.tool.distance(x, place.now) for x in (points.start, points.end))
+    first, last = (place.tool.distance(x, place.positions()) for x in (points.start, points.end))
     way = np.linalg.norm(points.end - points.start, axis=1)
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
     at = np.flatnonzero(may & (np.sum(points.normal * last[1], axis=1) > 0))
@@ -143,7 +135,7 @@ def _part_within(place: ToolPlace, start: Array, end: Array, normal: Array) -> A
     """
 
     def distance(s: Array) -> tuple[Array, Array]:
-        return place.tool.distance(start + s[:, None] * (end - start), place.now)
+        return place.tool.distance(start + s[:, None] * (end - start), place.positions())
 
     low: Array = np.zeros(len(start))
     high: Array = np.ones(len(start))

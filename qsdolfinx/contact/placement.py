@@ -15,7 +15,7 @@ from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.deformed import deformed_positions, deformed_surface, trace_values
 from qsdolfinx.surface.surface import Coordinates, Surface
 from qsdolfinx.tools.pose import Pose
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 
 Array = npt.NDArray[np.float64]
 
@@ -38,12 +38,47 @@ class Place:
     displacement: Array | None = None
     solved_on: Array | None = None
 
-    def moved(self, x: PETSc.Vec, scale: float, offset: PETSc.Vec | None) -> Place:
+    @property
+    def bodies(self) -> tuple[Place, ...]:
+        """The place itself: the places of bodies on this side."""
+        return (self,)
+
+    @property
+    def motion(self) -> None:
+        """None: only the unknowns of the body move it, see :class:`ToolPlace`."""
+        return None
+
+    def moved(
+        self, x: PETSc.Vec | None, scale: float, offset: PETSc.Vec | None, motion: Affine | None
+    ) -> Place:
         """Position for given unknowns of the body. Collective at first."""
         u = scale * trace_values(self.surface, x)
         if offset is not None:
             u = u + trace_values(self.surface, offset)
         return dataclasses.replace(self, displacement=u, solved_on=self.surface.present_vertices)
+
+    @property
+    def as_paired(self) -> Place:
+        """Position at contact detection."""
+        return dataclasses.replace(self, displacement=None)
+
+    @property
+    def as_given(self) -> Place:
+        """The place itself: only the unknowns of the body move it."""
+        return self
+
+    def moved_to(self, position: Array) -> Place:
+        """The place itself, which is known from the unknowns."""
+        return self
+
+    def carried(self, x: Array, before: AnyPlace) -> Array:
+        """The points themselves, see :class:`ToolPlace`."""
+        return x
+
+    @property
+    def centers(self) -> tuple[Array, Array]:
+        """Twice the origin, shape (gdim,) each."""
+        return self.surface.center, self.surface.center
 
     def vec(self) -> PETSc.Vec:
         """The displacement as a new vector of the body, zero off the surface. Collective."""
@@ -88,16 +123,51 @@ class ToolPlace:
     motion: Affine | None = None
 
     @property
-    def now(self) -> Array:
-        """Its position after the motion."""
+    def bodies(self) -> tuple[()]:
+        """Empty: the places of bodies on this side."""
+        return ()
+
+    def moved(
+        self, x: PETSc.Vec | None, scale: float, offset: PETSc.Vec | None, motion: Affine | None
+    ) -> ToolPlace:
+        """Position after a motion of the tool; there are no unknowns."""
+        return dataclasses.replace(self, motion=motion)
+
+    @property
+    def as_paired(self) -> ToolPlace:
+        """Position at contact detection."""
+        return dataclasses.replace(self, motion=None)
+
+    @property
+    def as_given(self) -> ToolPlace:
+        """Position that the tool has now: the user may have moved it since contact detection."""
+        return ToolPlace(self.tool, self.tool.position)
+
+    def vec(self) -> None:
+        """None: a tool has no unknowns."""
+        return None
+
+    def positions(self) -> Array:
+        """Its position after the motion, in the form of :attr:`position`."""
         if self.motion is None:
             return self.position
         return Pose.from_matrix(self.position, self.tool.gdim).moved(self.motion)
 
+    def vertices(self) -> Array:
+        """Positions of the facets' vertices after the motion, shape (facets, vertices, 3)."""
+        return self.tool.facet_positions(self.positions())
+
+    def carried(self, x: Array, before: AnyPlace) -> Array:
+        """Points, (..., 3), after a motion with the tool from an earlier place."""
+        d, first, last, out = self.tool.gdim, before.positions(), self.positions(), x.copy()
+        R = last[:, :d] @ first[:, :d].T
+        out[..., :d] = x[..., :d] @ R.T + (last[:, d] - R @ first[:, d])
+        return out
+
     @property
     def centers(self) -> tuple[Array, Array]:
         """The tool's centre at contact detection, and after the motion, each of shape (gdim,)."""
-        return self.tool.center_at(self.position), self.tool.center_at(self.now)
+        return self.tool.center_at(self.position), self.tool.center_at(self.positions())
 
     def moved_to(self, position: Array) -> ToolPlace:
         """The place with the motion that leads to a position."""
@@ -108,7 +178,11 @@ class ToolPlace:
 
     def facets(self) -> _cpp.Surface:
         """The tool's facets after the motion. Collective."""
-        return self.tool.facets_at(self.now)
+        return self.tool.facets_at(self.positions())
+
+
+#: Position of either side: both classes answer the same questions.
+AnyPlace = Place | ToolPlace
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,16 +195,18 @@ class Placement:
     """
 
     slave: Place
-    master: Place | ToolPlace
+    master: AnyPlace
 
     @classmethod
     def at_pairing(cls, slave: Surface, master: AnySurface) -> Placement:
         """Present positions, at contact detection."""
-        tool = as_tool(master)
-        if tool is not None:
-            return cls(Place(slave, slave.coordinates), ToolPlace(tool, tool.position))
-        assert isinstance(master, Surface)
-        return cls(Place(slave, slave.coordinates), Place(master, master.coordinates))
+        here, *there = (Place(body, body.coordinates) for body in (slave, *master.bodies))
+        return cls(here, *there, *(ToolPlace(tool, tool.position) for tool in master.tools))
+
+    @property
+    def bodies(self) -> tuple[Place, ...]:
+        """Positions of the bodies: the slave's, and the master's unless it is a rigid tool."""
+        return self.slave, *self.master.bodies
 
     def moved(
         self,
@@ -140,33 +216,27 @@ class Placement:
         motion: Affine | None,
     ) -> Placement:
         """Positions for given unknowns and added displacements. Collective at first."""
-        slave, master = self.slave.moved(unknowns[0], scale[0], offset[0]), self.master
-        if isinstance(master, ToolPlace):
-            return Placement(slave, dataclasses.replace(master, motion=motion))
-        assert unknowns[1] is not None
-        return Placement(slave, master.moved(unknowns[1], scale[1], offset[1]))
+        return Placement(
+            self.slave.moved(unknowns[0], scale[0], offset[0], motion),
+            self.master.moved(unknowns[1], scale[1], offset[1], motion),
+        )
 
     @property
     def as_paired(self) -> Placement:
         """Positions of both sides at contact detection."""
-        master = self.master
-        if isinstance(master, ToolPlace):
-            paired: Place | ToolPlace = dataclasses.replace(master, motion=None)
-        else:
-            paired = dataclasses.replace(master, displacement=None)
-        return Placement(dataclasses.replace(self.slave, displacement=None), paired)
+        return Placement(self.slave.as_paired, self.master.as_paired)
 
     @property
-    def centers(self) -> tuple[Array, Array]:
-        """Centres of a rigid master, see :attr:`ToolPlace.centers`."""
-        assert isinstance(self.master, ToolPlace)
-        return self.master.centers
+    def as_given(self) -> Placement:
+        """The same bodies, with a tool at the position that it has now."""
+        master = self.master.as_given
+        return self if master is self.master else Placement(self.slave, master)
 
-    def place(self, side: str) -> Place | ToolPlace:
+    def place(self, side: str) -> AnyPlace:
         """Position of one side."""
-        return typing.cast(Place | ToolPlace, getattr(self, side))
+        return typing.cast(AnyPlace, getattr(self, side))
 
 
-def is_analytic(place: Place | ToolPlace) -> typing.TypeGuard[ToolPlace]:
+def is_analytic(place: AnyPlace) -> typing.TypeGuard[ToolPlace]:
     """Whether a side is a tool whose shape is known in closed form."""
     return isinstance(place, ToolPlace) and place.tool.is_analytic

@@ -19,7 +19,7 @@ from qsdolfinx.contact.fields import faced
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.penalty import EXTREME, MODERATE, Penalty
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 
@@ -258,10 +258,8 @@ def make_report(model: ContactModel, penalty: Penalty) -> ContactReport:
 
 def _normals(model: ContactModel) -> str:
     """Along which gaps are measured; finite sliding has rays from both surfaces."""
-    settings = model.settings
-    if as_tool(model.master) is not None and settings.sliding != "finite":
-        return "the tool's normals"
-    return f"{settings.sampling.normals} normals"
+    sampling, finite = model.settings.sampling, model.settings.sliding == "finite"
+    return f"{sampling.normals if finite else sampling.normals_to(model.master)} normals"
 
 
 def _unknowns(model: ContactModel) -> str:
@@ -293,8 +291,8 @@ def _touching(model: ContactModel) -> tuple[tuple[float, ...], tuple[float, ...]
 def _side(model: ContactModel, surface: AnySurface) -> SideReport | None:
     if surface.is_analytic:
         return None
-    nodes, with_area = len(surface.search_object(model.slave).node_x), deformable(surface)
-    area = None if with_area is None else with_area.area
+    nodes = len(surface.search_object(model.slave).node_x)
+    area = next((body.area for body in surface.bodies), None)
     found = _found(model, surface)
     total = model.comm.allreduce(np.array([nodes, 0 if found is None else found]))
     return SideReport(
@@ -364,11 +362,11 @@ def _advice(model: ContactModel, depth: float) -> str:
 
 def _unloaded(model: ContactModel) -> int:
     """Nodes of the master that face the slave within the radius, and no force reaches."""
-    surface, p = deformable(model.master), model.gaps[0]
+    p, bodies = model.gaps[0], model.master.bodies
     is_meant = model.type in ContactType.NORMAL | ContactType.TIE
-    if surface is None or len(model.of_sides) > 1 or not is_meant:
+    if not bodies or len(model.of_sides) > 1 or not is_meant:
         return 0
-    master = surface.linear
+    master = bodies[0].linear
     surfaces = master.cpp_object, model.slave.linear.cpp_object
     near = _cpp.pair_surfaces(*surfaces, False, model.paired.radius, 0).slave["dofs"][:, 0, 0]
     reached = faced(p, np.zeros(p.num_rows)).reached

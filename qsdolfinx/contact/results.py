@@ -28,7 +28,7 @@ from qsdolfinx.surface.affine import Affine, affine_vec, skew, trace_positions
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.traction import nodal_forces, recover
 from qsdolfinx.tools.pose import padded
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -56,6 +56,22 @@ def agreed(model: ContactModel, side: str) -> AnySurface:
     with checked(model.comm) as same:
         same(SIDE, side=side)
     return surface_of(model, side)
+
+
+def body_on(model: ContactModel, side: str, what: str) -> Surface:
+    """The surface of one side that has what is asked for: that of a body.
+
+    Args:
+        model: The contact.
+        side: ``"slave"`` or ``"master"``.
+        what: Name of the result, and what to take instead.
+
+    Raises:
+        ValueError: If the side is a rigid tool.
+    """
+    bodies = surface_of(model, side).bodies
+    require(bodies, f"side: a rigid tool has no {what}")
+    return bodies[0]
 
 
 def has_multiplier(model: ContactModel, side: str) -> bool:
@@ -100,8 +116,7 @@ def gap(model: ContactModel, side: str) -> Array:
     agreed(model, side)
     if not model.has_gaps:
         return weighted_gap(model, side)
-    if deformable(surface_of(model, side)) is None:
-        raise ValueError("side: a rigid tool has no gaps; see those of the slave")
+    body_on(model, side, "gaps; see those of the slave")
     return depth.gap(model, side)
 
 
@@ -294,10 +309,9 @@ def flow(model: ContactModel, side: str) -> float:
 
 def flux(model: ContactModel, side: str) -> fem.Function:
     """Flow per area into the body of one side. Collective."""
-    surface = deformable(agreed(model, side))
+    agreed(model, side)
     check_scalar(model, "traction")
-    if surface is None:
-        raise ValueError("side: a rigid tool has no flux; see flow, or the flux of the slave")
+    surface = body_on(model, side, "flux; see flow, or the flux of the slave")
     with _force_vec(model, side, whole_body=True) as vec:
         return recover(surface, vec, _areas(model, side))
 
@@ -325,14 +339,13 @@ def check_scalar(model: ContactModel, instead: str) -> None:
 
 def total(model: ContactModel, side: str) -> Array:
     """Sum of contact forces or flows on the unknowns of one side, shape (block,). Collective."""
-    surface = deformable(surface_of(model, side))
-    if surface is None:
+    if is_rigid(surface_of(model, side)):
         heat = model.friction_heat
         power = 0.0 if heat is None else model.comm.allreduce(float(heat.power.sum()), op=MPI.SUM)
         return power - total(model, "slave")
     with _force_vec(model, side) as vec:
-        owned = nodal_forces(surface, vec).sum(axis=0)
-    return np.asarray(surface.comm.allreduce(owned, op=MPI.SUM))
+        owned = nodal_forces(_place(model, side).surface, vec).sum(axis=0)
+    return np.asarray(model.comm.allreduce(owned, op=MPI.SUM))
 
 
 def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array:
@@ -346,10 +359,9 @@ def moment(model: ContactModel, side: str, about: npt.ArrayLike | None) -> Array
 
 
 def _moment(model: ContactModel, side: str, about: Array) -> Array:
-    surface = deformable(surface_of(model, side))
-    if surface is None:
+    if is_rigid(surface_of(model, side)):
         return -_moment(model, "slave", about)
-    x, out = _places_of_forces(model, side), []
+    surface, x, out = _place(model, side).surface, _places_of_forces(model, side), []
     with _force_vec(model, side) as vec:
         for axis in np.eye(1 if len(about) == 2 else 3):
             A = skew(axis)  # work of the forces in a small rotation
@@ -367,27 +379,25 @@ def _places_of_forces(model: ContactModel, side: str) -> Array:
     contact detection. Points in contact with a tool move along with its centre to the end of a time
     step.
     """
-    place = model.placement.place(side)
-    assert isinstance(place, Place)
+    place = _place(model, side)
     if model.settings.sliding == "finite":
         return place.positions()
     x = trace_positions(place.surface, place.coordinates)
     if _is_at_end(model):
-        paired, now = model.placement.centers
+        paired, now = model.placement.master.centers
         x = x + padded(now - paired)
     return x
 
 
 def _is_at_end(model: ContactModel) -> bool:
     """Whether moments are at the end of a tool's motion: in time steps or with finite sliding."""
-    return as_tool(model.master) is not None and (model.offset is not None or model.follows)
+    moves = model.master.motion is not None
+    return moves and (model.offset is not None or model.follows)
 
 
 def _center(model: ContactModel) -> Array:
     """Centre of a tool, at the end of its motion in a time step; without a tool the origin."""
-    if as_tool(model.master) is None:
-        return np.asarray(model.master.center)
-    return model.placement.centers[int(_is_at_end(model))]
+    return model.placement.master.centers[int(_is_at_end(model))]
 
 
 def traction(model: ContactModel, side: str, part: str) -> fem.Function:
@@ -396,11 +406,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
         same(SIDE, side=side)
         same(PART, part=part)
         check_mechanical(model, "flux")
-    surface = deformable(surface_of(model, side))
-    if surface is None:
-        raise ValueError(
-            "side: a rigid tool has no traction; take the traction of the slave, times -1"
-        )
+    surface = body_on(model, side, "traction; take the traction of the slave, times -1")
     with _force_vec(model, side, part, whole_body=True) as vec:
         return recover(surface, vec, _areas(model, side))
 
@@ -408,8 +414,7 @@ def traction(model: ContactModel, side: str, part: str) -> fem.Function:
 def pressure(model: ContactModel, side: str) -> fem.Function:
     """Pressure p_k = −t_k·n_k, with normals n_k of the vertices as deformed. Collective."""
     whole = traction(model, side, "normal" if model.slips else "whole")
-    surface = deformable(surface_of(model, side))
-    assert surface is not None
+    surface = _place(model, side).surface
     normal = np.asarray(_facets_at(_place(model, side)).node_normal)[:, : surface.gdim]
     values = -np.sum(surface.linear.node_values(whole) * normal, axis=1)
     return surface.linear.vertex_function(values)
@@ -417,9 +422,7 @@ def pressure(model: ContactModel, side: str) -> fem.Function:
 
 def _place(model: ContactModel, side: str) -> Place:
     """Position of a deformable side at the last evaluation."""
-    place = model.placement.place(side)
-    assert isinstance(place, Place)
-    return place
+    return model.placement.bodies[SIDES.index(side)]
 
 
 def _areas(model: ContactModel, side: str) -> Array:
@@ -459,19 +462,13 @@ def multiplier_of(model: ContactModel, p: WeightedGap) -> Array:
     return p.multiplier(model.eps)
 
 
-def forces_on_bodies(model: ContactModel) -> tuple[Array, Array | None]:
-    """Forces on the owned unknowns of the slave's and the master's body. Collective.
-
-    The second is None for a rigid tool, and zero for self-contact.
-    """
-    with _force_vec(model, "slave", whole_body=True) as vec:
-        slave = vec.array.copy()
-    if deformable(model.master) is None:
-        return slave, None
-    if model.with_itself:
-        return slave, np.zeros_like(slave)
-    with _force_vec(model, "master") as vec:
-        return slave, vec.array.copy()
+def forces_on_bodies(model: ContactModel) -> list[Array]:
+    """Forces on the owned unknowns of each body, of the slave first. Collective."""
+    out = []
+    for side in SIDES[: 1 if model.with_itself else len(model.bodies)]:
+        with _force_vec(model, side, whole_body=True) as vec:
+            out.append(vec.array.copy())
+    return out
 
 
 @contextlib.contextmanager

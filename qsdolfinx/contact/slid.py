@@ -11,11 +11,11 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place, Placement
+from qsdolfinx.contact.placement import Placement
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec, rotation_vector
 from qsdolfinx.surface.facets import area_vectors
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -36,8 +36,7 @@ def find_slid(model: ContactModel) -> str | None:
     """
     if model.sliding_is_given or model.follows:
         return None
-    tool = as_tool(model.master)
-    if tool is not None and tool.is_plane:
+    if any(tool.is_plane for tool in model.master.tools):
         return None
     if motion_since(model, model.placement.as_paired) <= FAR * model.paired.facet_size:
         return None
@@ -57,12 +56,11 @@ def _slid_since(model: ContactModel, now: Placement) -> float:
 
     Open nodes count too, if rotation may have caused their gap.
     """
-    vecs = [place.vec() for place in (now.slave, now.master) if isinstance(place, Place)]
+    vecs = [place.vec() for place in now.bodies]
     ways = [vec.array.copy() for vec in vecs]
     for vec in vecs:
         vec.destroy()
-    both = ways[0], ways[1] if isinstance(now.master, Place) else None
-    tool = None if isinstance(now.master, Place) else now.master.motion
+    both, tool = (ways[0], ways[1] if len(ways) > 1 else None), now.master.motion
     largest, turn = 0.0, _turn(model, tool)
     for gap in model.gaps:
         length, size = _along(model, gap, both, tool), gap.slave.cpp_object.node_facet_size
@@ -102,8 +100,7 @@ def turned(model: ContactModel) -> float:
     small steps (``bench/one_newton.py --scenes roller``).
     """
     is_nodal = model.settings.sampling.quadrature == "nodal"
-    on_tool = as_tool(model.master) is not None
-    return 0.0 if is_nodal or on_tool else _turn(model, None)
+    return 0.0 if is_nodal or is_rigid(model.master) else _turn(model, None)
 
 
 def _turn(model: ContactModel, tool: Affine | None) -> float:
@@ -111,12 +108,11 @@ def _turn(model: ContactModel, tool: Affine | None) -> float:
     largest = 0.0
     if tool is not None:
         largest = float(np.linalg.norm(rotation_vector(tool.A + np.eye(len(tool.A)))))
-    for place in (model.placement.slave, model.placement.master):
-        if isinstance(place, Place):
-            first, now = area_vectors(place.coordinates[0]), area_vectors(place.vertices())
-            sine = np.linalg.norm(np.cross(first, now), axis=1)
-            angles = np.arctan2(sine, np.sum(first * now, axis=1))
-            largest = max(largest, float(np.max(angles, initial=0.0)))
+    for place in model.placement.bodies:
+        first, now = area_vectors(place.coordinates[0]), area_vectors(place.vertices())
+        sine = np.linalg.norm(np.cross(first, now), axis=1)
+        angles = np.arctan2(sine, np.sum(first * now, axis=1))
+        largest = max(largest, float(np.max(angles, initial=0.0)))
     return float(model.comm.allreduce(largest, op=MPI.MAX))
 
 

@@ -6,7 +6,6 @@ import copy
 
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.tools.rigid_surface import deformable
 
 
 class ContactState:
@@ -29,8 +28,7 @@ class ContactState:
         self._catch_up = model.catch_up
         self._kept, self._is_evaluated = model.kept, model.is_evaluated
         self._placement, self._tool_motion = model.placement, model.tool_motion
-        surfaces = [s for s in map(deformable, (model.slave, model.master)) if s is not None]
-        self._surfaces = [(surface, surface.coordinates) for surface in surfaces]
+        self._surfaces = [(surface, surface.coordinates) for surface in model.bodies]
         self._offset = None
         if model.offset is not None:
             self._offset = [None if v is None else v.array_r.copy() for v in model.offset]

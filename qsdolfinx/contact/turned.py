@@ -7,7 +7,6 @@ from mpi4py import MPI
 import numpy as np
 
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.placement import Place
 
 #: Spurious traction, over the largest traction of the tie, that gaps rotated by small rotations may
 #: cause: test_turned_by_hand in tests/steps/test_ties.py.
@@ -37,13 +36,10 @@ def turning_error(model: ContactModel) -> float:
     """
     if all(gap.turning is None for gap in model.gaps):
         return 0.0
-    places = []
-    for place in (model.placement.slave, model.placement.master):
-        assert isinstance(place, Place)
-        places.append(place.positions())
+    places = model.placement.slave.positions(), model.placement.master.positions()
     error = largest = 0.0
     for gap in model.gaps:
-        both = model.ordered(gap, (places[0], places[1]))
+        both = model.ordered(gap, places)
         error = max(error, float(np.max(gap.turning_error(both), initial=0.0)))
         traction = np.linalg.norm(gap.multiplier(model.eps), axis=1)
         largest = max(largest, float(np.max(traction, initial=0.0)))

@@ -27,7 +27,7 @@ from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -118,7 +118,6 @@ class FacetCutter:
         self._slave, self._master = slave.cpp_object, master.cpp_object
         self._finder = finder
         self.are_own = finder.are_own
-        self._tool = as_tool(master)
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._moved_to: Places | None = None
         self._known: Known | None = None
@@ -281,7 +280,7 @@ class FacetCutter:
             functions=functions,
             weight=alone.weight,
         )
-        sides = range(1 if self._tool is not None else 2)
+        sides = [side for side, vec in enumerate(markers) if vec is not None]
         return MovingFunctions(operator, [functions.entries(side) for side in sides])
 
     def slip_at_points(
@@ -290,12 +289,9 @@ class FacetCutter:
         """See :class:`Cutter`."""
         pieces, gdim = found.of_cutter, found.of_cutter.gdim
         slave, master = self._surfaces
-        of_tool: Array = np.zeros(0)
-        vecs = [trace_vec(slave, start[0][..., :gdim])]
-        if isinstance(master, Surface):
-            vecs.append(trace_vec(master, start[1][..., :gdim]))
-        else:
-            of_tool = _back(places[1], start[1])
+        bodies = slave, *master.bodies
+        vecs = [trace_vec(s, x[..., :gdim]) for s, x in zip(bodies, start, strict=False)]
+        of_tool = _back(places[1], start[1]) if is_rigid(master) else np.zeros(0)
         on_master = vecs[1].handle if len(vecs) > 1 else 0
         slips = _cpp.SlipOfPieces(pieces, vecs[0].handle, on_master, of_tool)
         operator, works = (
@@ -365,9 +361,8 @@ class FacetCutter:
         """Move the facets to these positions."""
         if self._moved_to is places:
             return
-        there = places[1] if self._tool is None else self._tool.facet_positions(places[1])
-        for surface, x in zip(self._moving, (places[0], there), strict=True):
-            surface.follow(np.ascontiguousarray(x))
+        for surface, moving, place in zip(self._surfaces, self._moving, places, strict=True):
+            moving.follow(np.ascontiguousarray(surface.facet_positions(place)))
         self._moved_to = places
 
 

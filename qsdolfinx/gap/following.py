@@ -18,7 +18,7 @@ from qsdolfinx.gap.vertex_normals import NormalsThere
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -335,9 +335,8 @@ class Following:
         #: Smooth patches of owned nodes that have multipliers, (nodes, block).
         self._sides_of_nodes = cutter.sides()
         self._slave, self._master, self._cutter = slave, master, cutter
-        self._tool = as_tool(master)
         self.radius = radius
-        self._values = [TraceValues(s) for s in (slave, master) if isinstance(s, Surface)]
+        self._values = [TraceValues(s) for s in (slave, *master.bodies)]
         #: Positions of the surfaces at contact detection.
         self.paired_at: Places
         self.pair()
@@ -355,17 +354,16 @@ class Following:
         """Whether points are vertices of the slave, each with a multiplier of its own."""
         return self._cutter.are_own
 
-    @property
-    def tool(self) -> RigidSurface | None:
-        """The master if it is a rigid tool."""
-        return self._tool
-
     def pair(self) -> Places:
         """Store the positions of the surfaces when they were last read, and return them."""
-        master = self._master
-        there = trace_positions(master).copy() if isinstance(master, Surface) else master.position
-        self.paired_at = trace_positions(self._slave).copy(), np.array(there)
+        bodies = [trace_positions(surface) for surface in (self._slave, *self._master.bodies)]
+        here, there = bodies + [tool.position for tool in self._master.tools]
+        self.paired_at = here.copy(), there.copy()
         return self.paired_at
+
+    def joined(self, bodies: Places, tool: Places) -> Places:
+        """Some positions of the bodies, with those of a rigid tool from other positions."""
+        return bodies[0], (tool if is_rigid(self._master) else bodies)[1]
 
     def places(
         self,

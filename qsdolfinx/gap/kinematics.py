@@ -11,8 +11,10 @@ UNKNOWNS = ("displacement", "velocity")
 _UNUSED = 'needs unknown="velocity" on at least one side, or friction that depends on slip rates'
 
 
-def unknowns_of(unknown: typing.Any, rigid_master: bool) -> tuple[str, str]:
+def unknowns_of(unknown: typing.Any, rigid_master: bool = False) -> tuple[str, str]:
     """Return the names of the unknowns of the slave and the master.
+
+    A rigid master has the kind of unknown of its slave.
 
     Raises:
         ValueError: If there are not one or two names, or a name is not valid.
@@ -36,8 +38,6 @@ class Kinematics:
             the master.
         dt: Δt, time; None if nothing needs it.
         rates: Whether friction depends on rates, and therefore needs Δt.
-        rigid_master: Whether the master is a rigid tool; it then has the kind of unknown of its
-            slave.
 
     Raises:
         ValueError: If a name is not valid, or Δt is not positive, missing, or not used.
@@ -48,10 +48,9 @@ class Kinematics:
         unknown: str | typing.Sequence[str],
         dt: float | None,
         rates: bool = False,
-        rigid_master: bool = False,
     ) -> None:
         #: Names of the unknowns of the slave and of the master.
-        self.unknown: tuple[str, str] = unknowns_of(unknown, rigid_master)
+        self.unknown: tuple[str, str] = unknowns_of(unknown)
         if "velocity" in self.unknown or rates:
             why = "dt: must be given, since velocities, friction or heat of friction depend on it"
             require(dt is not None, why)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from qsdolfinx.surface.affine import Affine, affine_vec, trace_positions, trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 #: Positions of the trace's nodes of the slave and of a deformable master, (facets, nodes, 3).
@@ -30,22 +30,20 @@ class Tie:
     """
 
     def __init__(self, slave: Surface, master: AnySurface) -> None:
-        self._surfaces = slave, deformable(master)
+        self._bodies = slave, *master.bodies
         self._x = self.places()
         self._values: list[TraceValues] | None = None
-        self._tool = as_tool(master)
-        self._pose = None if self._tool is None else self._tool.state.pose
+        self._tools = [(tool, tool.state.pose) for tool in master.tools]
 
     def places(self) -> Places:
         """Positions of the two surfaces at their last update."""
-        slave, master = self._surfaces
-        return trace_positions(slave).copy(), None if master is None else trace_positions(master)
+        slave, *master = map(trace_positions, self._bodies)
+        return slave.copy(), next(iter(master), None)
 
     def values(self, u: Vecs) -> Places:
         """Values of the two bodies' vectors at the nodes of the trace. Collective."""
         if self._values is None:
-            surfaces = (s for s in self._surfaces if s is not None)
-            self._values = [TraceValues(surface) for surface in surfaces]
+            self._values = [TraceValues(surface) for surface in self._bodies]
         out = [None if v is None else of(v) for of, v in zip(self._values, u, strict=False)]
         slave, master = (*out, None)[:2]
         return np.zeros_like(self._x[0]) if slave is None else slave, master
@@ -77,21 +75,18 @@ class Tie:
         Args:
             places: Positions of the surfaces; None for those at which they were tied.
         """
-        now = places or self._x
-        slave = self._change(self._surfaces[0], now[0], self._x[0])
-        master = None
-        if self._surfaces[1] is not None and now[1] is not None and self._x[1] is not None:
-            master = self._change(self._surfaces[1], now[1], self._x[1])
+        changes = zip(self._bodies, places or self._x, self._x, strict=False)
+        slave, *master = (
+            trace_vec(surface, (now - before)[..., : surface.gdim])
+            for surface, now, before in changes
+            if now is not None and before is not None
+        )
         moved = self._of_tool()
         if moved is not None:
-            r = affine_vec(self._surfaces[0], moved, self._x[0])
+            r = affine_vec(self._bodies[0], moved, self._x[0])
             slave.axpy(-1.0, r)
             r.destroy()
-        return slave, master
-
-    @staticmethod
-    def _change(surface: Surface, now: Array, before: Array) -> PETSc.Vec:
-        return trace_vec(surface, (now - before)[..., : surface.gdim])
+        return slave, next(iter(master), None)
 
     def of_tool(self, field: Affine) -> PETSc.Vec:
         """Values of a field over the tool's present position at the slave's unknowns. Collective.
@@ -101,10 +96,8 @@ class Tie:
         moved = self._of_tool()
         if moved is not None:
             field = Affine(field.A @ (moved.A + np.eye(len(moved.b))), field.A @ moved.b + field.b)
-        return affine_vec(self._surfaces[0], field, self._x[0])
+        return affine_vec(self._bodies[0], field, self._x[0])
 
     def _of_tool(self) -> Affine | None:
         """Motion of a tool since the tie was made, as a field over its position then."""
-        if self._tool is None or self._pose is None:
-            return None
-        return self._tool.state.pose.since(self._pose)
+        return next((tool.state.pose.since(pose) for tool, pose in self._tools), None)

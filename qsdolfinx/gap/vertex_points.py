@@ -12,7 +12,6 @@ from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
     Faceted,
-    as_facets,
     gathered,
     normals_at_vertices,
     sharp_nodes,
@@ -20,7 +19,7 @@ from qsdolfinx.pairing.facets import (
 )
 from qsdolfinx.pairing.vertices import lead_away, nodes_of
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -48,8 +47,7 @@ class Vertices:
 
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
-        self._master = master if isinstance(master, Surface) else None
-        self._facets = as_facets(master, slave.axisymmetric)
+        self._is_rigid, self._facets = is_rigid(master), master.as_facets(slave.axisymmetric)
         self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
         self._normals = normals_of(self._facets, self._sharp_there > 0.5)
         x, _, nodes = slave.coordinates
@@ -82,10 +80,10 @@ class Vertices:
 
     def _are_before_smooth_facets(self, points: _cpp.PairingPoints) -> Flags:
         """Points that face a facet with a vertex on no sharp edge, (points,). Collective."""
-        if self._master is None:
+        if self._is_rigid:
             return np.ones(points.size, dtype=bool)
-        dofs = points.master["dofs"][:, : self._master.num_facet_vertices, 0]
-        return np.asarray(np.any(gathered(self._master, self._sharp_there, dofs) < 0.5, axis=1))
+        dofs = points.master["dofs"][:, : self._facets.num_facet_vertices, 0]
+        return np.asarray(np.any(gathered(self._facets, self._sharp_there, dofs) < 0.5, axis=1))
 
     def pieces(
         self, surfaces: Twins, vertices: Array | None
@@ -97,7 +95,7 @@ class Vertices:
         which = (area > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*surfaces, False, which, area, self._radius)
         normals = raise_facets(out, self._normals, surfaces[1])
-        return out, normals if self._master is not None else None  # a tool's normals do not change
+        return out, None if self._is_rigid else normals  # a tool's normals do not change
 
 
 class ToolVertices:
@@ -108,15 +106,15 @@ class ToolVertices:
 
     Args:
         slave: The body's surface.
-        tool: The tool, made of facets.
+        tool: The rigid tool, made of facets.
         radius: Search distance: points farther away are not paired.
     """
 
     both, are_own, raised = True, False, 0
 
-    def __init__(self, slave: Surface, tool: RigidSurface, radius: _cpp.SearchRadius) -> None:
+    def __init__(self, slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
-        self._facets = as_facets(tool, slave.axisymmetric)
+        self._facets = tool.as_facets(slave.axisymmetric)
         self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
         self._normals = normals_of(slave, self._sharp_there)
         x = self._facets.coordinates[0]
@@ -160,7 +158,7 @@ class ToolVertices:
 
 def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:
     """Averaged vertex normals of a surface; None for degree 2, whose normals do not change."""
-    if isinstance(facets, Surface) and facets.degree > 1:
+    if facets.degree > 1:
         return None
     return VertexNormals(facets, sharp)
 

@@ -347,13 +347,11 @@ class WeightedGap:
     def _begin_to_turn(self) -> None:
         """Start to co-rotate the gaps between tied surfaces, if there are any. Collective."""
         assert self.tie is not None
-        if not isinstance(self.master, Surface):
-            return  # a rigid tool moves with the surface tied to it
-        turning = Turning(self.slave, self.master, self.points, self.tie.places())
-        if not turning.any:
-            return
-        self.turning = turning
-        self._turn_to(self.tie.places())
+        for master in self.master.bodies:  # a rigid tool moves with the surface tied to it
+            turning = Turning(self.slave, master, self.points, self.tie.places())
+            if turning.any:
+                self.turning = turning
+                self._turn_to(self.tie.places())
 
     def _turn_to(self, places: TiePlaces) -> None:
         """Co-rotate gaps with the surfaces at these positions. Collective."""
@@ -451,8 +449,7 @@ class WeightedGap:
         """
         assert self.following is not None and self.state.base is not None
         state, base, scale = self.state, self.state.base, self.state.scale
-        if self.following.tool is not None:
-            state.base = base[0], self.following.paired_at[1]
+        state.base = self.following.joined(base, self.following.paired_at)
         state.scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         self._cut_at(u)
         state.scale, state.base = scale, base
@@ -487,8 +484,8 @@ class WeightedGap:
     def set_offset(self, u: Vecs) -> None:
         """Set displacements that are added to those of the unknowns. Collective."""
         if self.following is not None:
-            at, there = self.following.paired_at, self.state.base
-            base = at if self.following.tool is None or there is None else (at[0], there[1])
+            at = self.following.paired_at
+            base = self.following.joined(at, self.state.base or at)
             self.state.base = self.following.places(base, u)
             return
         operator = self._own if self._turns_anew else self.operator

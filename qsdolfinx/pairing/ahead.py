@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.facets import gathered
-from qsdolfinx.pairing.points import PairingSide
+from qsdolfinx.pairing.points import PairingSide, with_unknowns_alone
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -38,14 +39,8 @@ def deepest(slave: Surface) -> float:
     return DEEPEST * slave.facet_size_range[1]
 
 
-def of_tool(x: Array) -> PairingSide:
-    """Points of a rigid tool at positions x, (points, 3), without unknowns."""
-    none = np.zeros((len(x), 0))
-    return PairingSide(x, none[..., None].astype(np.int64), none.astype(np.int32), none)
-
-
 def between(
-    surfaces: tuple[Surface, Surface | None],
+    surfaces: tuple[Surface, AnySurface],
     on_slave: PairingSide,
     on_master: PairingSide,
     normal: Array,
@@ -55,18 +50,18 @@ def between(
     """Contact points from given points on both surfaces.
 
     Args:
-        surfaces: Slave and master, None for a rigid tool.
+        surfaces: Slave and master.
         on_slave: Points on the slave.
-        on_master: Points on the master, see :func:`of_tool`.
+        on_master: Points on the master.
         normal: Outward unit normals of the slave, (points, 3).
         multipliers: Functions of the multipliers (points, vertices of a facet), and the number of
             the multiplier among those of a vertex (points,).
         weight: Areas, (points,).
     """
     slave, master = surfaces
-    return _cpp.points_between(
+    points = _cpp.points_between(
         slave.cpp_object,
-        None if master is None else master.cpp_object,
+        master.search_object(slave),
         on_slave.x,
         on_slave.dofs,
         on_slave.owner,
@@ -80,10 +75,11 @@ def between(
         np.sum((on_master.x - on_slave.x) * normal, axis=1),
         weight,
     )
+    return with_unknowns_alone(points, master)
 
 
 def with_own_multipliers(
-    surfaces: tuple[Surface, Surface | None],
+    surfaces: tuple[Surface, AnySurface],
     on_slave: PairingSide,
     on_master: PairingSide,
     normal: Array,
@@ -95,9 +91,9 @@ def with_own_multipliers(
     first, then other points.
 
     Args:
-        surfaces: Slave and master, None for a rigid tool.
+        surfaces: Slave and master.
         on_slave: Points on the slave.
-        on_master: Points on the master, see :func:`of_tool`.
+        on_master: Points on the master.
         normal: Outward unit normals of the slave, (points, 3).
     """
     slave, x = surfaces[0], on_master.x

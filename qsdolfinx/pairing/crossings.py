@@ -18,14 +18,12 @@ from qsdolfinx.pairing.ahead import (
     between,
     deepest,
     linear,
-    of_tool,
     with_own_multipliers,
 )
 from qsdolfinx.pairing.edges import Edges
-from qsdolfinx.pairing.facets import as_facets
 from qsdolfinx.pairing.points import PairingSide
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, deformable
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -101,7 +99,7 @@ class EdgesRole(typing.NamedTuple):
     @property
     def objects(self) -> tuple[_cpp.Surface, _cpp.Surface]:
         """Both surfaces as objects of the extension, the one with the sharp edges first."""
-        slave, master = self.moved or (as_facets(s).cpp_object for s in (self.slave, self.master))
+        slave, master = self.moved or (s.as_facets().cpp_object for s in (self.slave, self.master))
         return (slave, master) if self.creases[0] else (master, slave)
 
 
@@ -131,8 +129,8 @@ def pair_edges(
     others = _near(creases, other.some(other.are_sharp == sharp), radius.largest, role.slave.comm)
     found = _crossings(creases, others, (radius.largest, deepest(role.slave)))
     found = found.some(~_lead_through(role, creases, others, found, radius.largest))
-    bodies = role.slave, deformable(role.master)
-    own, opposite = bodies if of_slave else bodies[::-1]
+    surfaces = role.slave, role.master
+    own, opposite = surfaces if of_slave else surfaces[::-1]
     parts = [
         Facing(
             found.crease,
@@ -149,12 +147,12 @@ def pair_edges(
     here = creases.some(facing.crease)
     at_crease = _side(own, here, facing.place)
     if not of_slave:
-        return with_own_multipliers(bodies, facing.opposite, at_crease, -facing.normal)
+        return with_own_multipliers(surfaces, facing.opposite, at_crease, -facing.normal)
     several = np.bincount(facing.crease, minlength=1)[facing.crease]
     multipliers = np.zeros((len(several), role.slave.num_facet_vertices))
     multipliers[:, :2] = np.column_stack([1 - facing.place, facing.place])
     return between(
-        bodies,
+        surfaces,
         at_crease,
         facing.opposite,
         facing.normal,
@@ -219,11 +217,9 @@ class Facing(typing.NamedTuple):
         return cls(crease, place, opposite, normal)
 
 
-def _degrees(own: Surface | None, opposite: Surface | None) -> tuple[int, int]:
+def _degrees(own: AnySurface, opposite: AnySurface) -> tuple[int, int]:
     """Degrees of displacements on a line in a facet: parallel to a side, and otherwise."""
-    along = 1 if opposite is None else opposite.degree
-    twice = opposite is not None and opposite.num_facet_vertices == 4
-    least = 1 if own is None else own.degree
+    least, along, twice = own.degree, opposite.degree, opposite.num_facet_vertices == 4
     return max(least, along), max(least, 2 * along if twice else along)
 
 
@@ -244,7 +240,7 @@ def _between(
     place = np.concatenate([found.places[:, 0], np.zeros(count), np.ones(count)])
     order = np.lexsort((place, crease))
     crease, place = crease[order], place[order]
-    part = AT_END if isinstance(role.master, RigidSurface) else BENDS
+    part = AT_END if is_rigid(role.master) else BENDS
     least = part * role.slave.facet_size_range[0] / np.maximum(creases.length[crease[1:]], 1e-300)
     wide = (np.diff(crease) == 0) & (np.diff(place) > least)
     crease, ends = crease[:-1][wide], (place[:-1][wide], place[1:][wide])
@@ -299,8 +295,6 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
     keep = closest["found"].astype(bool) & _leads_away(here, normal)
     keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     keep &= np.sum((x - closest["x"]) * normal, axis=1) <= deepest(role.slave)
-    if role.creases[0] and not isinstance(role.master, Surface):
-        return Facing(crease[keep], place[keep], of_tool(closest["x"][keep]), normal[keep])
     names = ("x", "dofs", "owner", "shape_values")
     side = PairingSide(**{name: closest[name][keep] for name in names})
     return Facing(crease[keep], place[keep], side, normal[keep])
@@ -476,11 +470,9 @@ def _lines_closest(
     return np.column_stack([s, t]), is_across
 
 
-def _side(surface: Surface | None, edges: Edges, place: Array) -> PairingSide:
+def _side(surface: AnySurface, edges: Edges, place: Array) -> PairingSide:
     """The side of a body, or of a rigid tool, at points of its edges."""
-    if surface is None:
-        return of_tool(edges.at(place))
-    nodes, block = surface.trace_dofs[0].shape[1:]
+    nodes, block = surface.as_facets().trace_dofs[0].shape[1:]
     dofs = np.full((len(place), nodes, block), -1, dtype=np.int64)
     owner = np.full((len(place), nodes), -1, dtype=np.int32)
     values = np.zeros((len(place), nodes))

@@ -8,9 +8,9 @@ import weakref
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.pairing.facets import Faceted, as_facets
+from qsdolfinx.pairing.facets import Faceted
 from qsdolfinx.surface.affine import EDGES
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -73,13 +73,12 @@ def edges_of(surface: AnySurface) -> Edges:
 
     At the boundary of a surface an edge has only one facet, which is used for both.
     """
-    tool = as_tool(surface)
-    if tool is None:
+    if not is_rigid(surface):
         return _found(surface)
-    R, t = tool.position[:, :-1], tool.position[:, -1]
-    if tool not in _OF_TOOLS:
-        _OF_TOOLS[tool] = _turned(_found(tool), R.T, -t @ R)
-    return _turned(_OF_TOOLS[tool], R, t)
+    R, t = surface.position[:, :-1], surface.position[:, -1]
+    if surface not in _OF_TOOLS:
+        _OF_TOOLS[surface] = _turned(_found(surface), R.T, -t @ R)
+    return _turned(_OF_TOOLS[surface], R, t)
 
 
 def _turned(edges: Edges, R: Array, t: Array) -> Edges:
@@ -90,7 +89,7 @@ def _turned(edges: Edges, R: Array, t: Array) -> Edges:
 
 def _found(surface: AnySurface) -> Edges:
     """Edges of the surface in its present position; see :func:`edges_of`."""
-    facets = as_facets(surface)
+    facets = surface.as_facets()
     return edges_at(facets, facets.coordinates[0], outward_signs(facets))
 
 

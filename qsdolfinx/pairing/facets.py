@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.facet_surface import FacetSurface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -28,18 +28,8 @@ def has_creases(surface: AnySurface, asked: bool) -> bool:
     """Whether a surface has sharp vertices; False if ``asked`` is False. Collective."""
     if not asked or surface.is_analytic:
         return False
-    sharp = sharp_nodes(as_facets(surface))
+    sharp = sharp_nodes(surface.as_facets())
     return bool(surface.comm.allreduce(bool(sharp.any()), op=MPI.LOR))
-
-
-def as_facets(surface: AnySurface, axisymmetric: bool = False) -> Faceted:
-    """Return a surface made of facets: the body's surface itself, or that of a tool. Collective.
-
-    Args:
-        surface: The surface.
-        axisymmetric: Whether the facets of a tool represent rings.
-    """
-    return surface.as_facets(axisymmetric) if isinstance(surface, RigidSurface) else surface
 
 
 def sharp_nodes(surface: Faceted) -> Flags:

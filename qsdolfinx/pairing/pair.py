@@ -12,16 +12,18 @@ import numpy.typing as npt
 import basix
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.points import with_unknowns_alone
 from qsdolfinx.pairing.relief import LIFTS, Relief, Smoothing
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid, is_shape
 
 Array = npt.NDArray[np.float64]
 
 QUADRATURES = ("nodal", "overlay")
-NORMALS = ("facet", "bisector")  # in the order of Normals in cpp/pairing/pairing.h
-#: Number of the master's normals in this order.
-OF_MASTER = 2
+NORMALS = ("facet", "bisector")
+OF_TOOL = "the tool's"
+#: All kinds of normals, in the order of Normals in cpp/pairing/pairing.h.
+KINDS_OF_NORMALS = (*NORMALS, OF_TOOL)
 
 
 class Sampling(typing.NamedTuple):
@@ -40,6 +42,14 @@ class Sampling(typing.NamedTuple):
     normals: str
     smoothing: Smoothing | None = None
     degree_is_given: bool = False
+
+    def normals_to(self, master: AnySurface) -> str:
+        """Kind of normals along which points are paired with a master, of KINDS_OF_NORMALS.
+
+        Forces act along the normals of a rigid tool, as for an analytic shape. With a mean of its
+        normals and those of the slave, which tilt at its nodes, a flat tool would push sideways.
+        """
+        return OF_TOOL if is_rigid(master) else self.normals
 
     def relief(self, surface: AnySurface) -> Relief:
         """Correction for the curved surface that the facets approximate."""
@@ -119,13 +129,10 @@ def pair(
         corners: Whether, with the nodal rule between facets, a node in the corner of several walls
             has a pair for each wall, with the smooth patch of the node that faces it.
     """
-    tool = as_tool(master)
-    if tool is not None and tool.is_analytic:
-        return _face_shape(slave, tool, sampling, radius)
+    if is_shape(master):
+        return _face_shape(slave, master, sampling, radius)
     points = _pair_facets(slave, master, sampling, both, radius, corners)
-    if tool is not None:
-        _cpp.forget_master(points)
-    return points
+    return with_unknowns_alone(points, master)
 
 
 def share_out_hardly_covered(slave: Surface, points: _cpp.PairingPoints) -> None:
@@ -146,10 +153,7 @@ def _pair_facets(
     corners: bool,
 ) -> _cpp.PairingPoints:
     """Contact quadrature points of two surfaces made of facets; see :func:`pair`."""
-    # Forces act along the normals of a rigid tool, as for an analytic shape. With a mean of its
-    # normals and those of the slave, which tilt at its nodes, a flat tool would push sideways.
-    rigid = as_tool(master) is not None
-    kind_of_normals = OF_MASTER if rigid else NORMALS.index(sampling.normals)
+    kind_of_normals = KINDS_OF_NORMALS.index(sampling.normals_to(master))
     other = master.search_object(slave)
     if sampling.quadrature == "nodal":
         return _cpp.pair_surfaces(slave.cpp_object, other, both, radius, kind_of_normals, corners)
@@ -205,9 +209,8 @@ def find_conforming(
         smoothing: Surface corrections for curvature, as far as known.
     """
     sampling = Sampling("overlay", degree, "bisector", smoothing)
-    tool = as_tool(master)
-    if tool is not None and tool.is_analytic:
-        return _conforming_to_shape(slave, tool, sampling, radius.largest)
+    if is_shape(master):
+        return _conforming_to_shape(slave, master, sampling, radius.largest)
     found, area = _cpp.conforming_points(
         slave.cpp_object,
         master.search_object(slave),

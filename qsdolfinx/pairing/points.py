@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,3 +73,10 @@ class Pairing:
 
     def __len__(self) -> int:
         return len(self.weight)
+
+
+def with_unknowns_alone(points: _cpp.PairingPoints, master: AnySurface) -> _cpp.PairingPoints:
+    """The points, without the numbers of a rigid tool's vertices, which are no unknowns."""
+    if is_rigid(master):
+        _cpp.forget_master(points)
+    return points

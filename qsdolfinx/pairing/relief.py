@@ -10,7 +10,7 @@ import numpy.typing as npt
 from qsdolfinx.base.checks import require, shown
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.heights import COARSEST, check_near
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface
 from qsdolfinx.tools.smooth import Smooth
 
 Array = npt.NDArray[np.float64]
@@ -116,10 +116,7 @@ class Smoothing:
     def relief(self, surface: AnySurface) -> Relief:
         """Correction of a surface, relative to its facets in their present position."""
         i = int(surface is self._master)
-        found = self._shaped[i]
-        tool = as_tool(surface)
-        if found is None and tool is None:
-            found = typing.cast(Surface, surface).heights
+        found = surface.heights if self._shaped[i] is None else self._shaped[i]
         if found is not None:
             # Displacements that are linear on a facet cannot flatten its curvature.
             straight = "none" if self._follows else "shared"

@@ -8,19 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.pairing.ahead import FLAT, TOWARDS, deepest, linear, of_tool, with_own_multipliers
+from qsdolfinx.pairing.ahead import FLAT, TOWARDS, deepest, linear, with_own_multipliers
 from qsdolfinx.pairing.facets import (
     Faceted,
-    as_facets,
     at_vertices,
     gathered,
     normals_at_vertices,
     sharp_nodes,
     sums,
 )
-from qsdolfinx.pairing.points import PairingSide
+from qsdolfinx.pairing.points import PairingSide, with_unknowns_alone
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import AnySurface, as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface, is_shape
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -63,17 +62,15 @@ def pair_vertices(role: VerticesRole, radius: _cpp.SearchRadius) -> _cpp.Pairing
 def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
     """Points at vertices of the slave; see :func:`pair_vertices`."""
     which = sharp_nodes(slave).astype(np.uint8)
-    tool = as_tool(master)
-    if tool is not None and tool.is_analytic:
+    if is_shape(master):
         points = _cpp.sample_vertices(slave.cpp_object, which)
-        gap, normal = tool.distance(points.slave["x"])
+        gap, normal = master.distance(points.slave["x"])
         near = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)
         _cpp.face_tool(points, near.astype(np.uint8), -normal, gap, 1)
     else:
         other = master.search_object(slave)
         points = _cpp.pair_vertices(slave.cpp_object, other, which, radius)
-        if tool is not None:
-            _cpp.forget_master(points)
+        with_unknowns_alone(points, master)
     keep = _lead_away(slave, points, points.normal) & (-points.gap <= deepest(slave))
     _cpp.keep_points(points, keep.astype(np.uint8))
     return points
@@ -81,14 +78,14 @@ def _of_slave(slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> 
 
 def _of_tool(slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> _cpp.PairingPoints:
     """Points on the slave's facets opposite vertices of a tool; see :func:`pair_vertices`."""
-    facets = as_facets(tool, slave.axisymmetric)
+    facets = tool.as_facets(slave.axisymmetric)
     which = sharp_nodes(facets).astype(np.uint8)
     found = _cpp.pair_vertices(facets.cpp_object, slave.cpp_object, which, radius)
     normal = _smoothed(slave, PairingSide(**found.master), -found.normal)
     ahead = _lead_away(facets, found, -normal) & (-found.gap <= deepest(slave))
     _cpp.keep_points(found, ahead.astype(np.uint8))
-    on_slave, on_tool = PairingSide(**found.master), of_tool(found.slave["x"])
-    return with_own_multipliers((slave, None), on_slave, on_tool, normal[ahead])
+    on_slave, on_tool = PairingSide(**found.master), PairingSide(**found.slave)
+    return with_own_multipliers((slave, tool), on_slave, on_tool, normal[ahead])
 
 
 def _smoothed(surface: Surface, at: PairingSide, normal: Array) -> Array:

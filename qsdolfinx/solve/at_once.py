@@ -20,7 +20,6 @@ from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.snes import NOT_BALANCED
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations
-from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -213,11 +212,6 @@ def are_condensed(contacts: typing.Sequence[ContactModel]) -> bool:
         contact.settings.sampling.quadrature == "nodal"
         and not (contact.augmented or contact.follows or contact.friction or contact.is_scalar)
         and not contact.law.memory
-        and not _is_driven(contact)
+        and all(tool.driven is None for tool in contact.master.tools)
         for contact in contacts
     )
-
-
-def _is_driven(contact: ContactModel) -> bool:
-    tool = as_tool(contact.master)
-    return tool is not None and tool.driven is not None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from qsdolfinx.contact.state import ContactState
 from qsdolfinx.system.system import ContactSystem
-from qsdolfinx.tools.rigid_surface import as_tool
 
 
 class Before:
@@ -17,8 +16,7 @@ class Before:
     def __init__(self, system: ContactSystem) -> None:
         self._system = system
         self._unknowns = [u.x.array.copy() for u in system.u]
-        tools = [tool for c in system.contacts if (tool := as_tool(c.master)) is not None]
-        self._tools = [(tool, tool.state) for tool in tools]
+        self._tools = [(tool, tool.state) for tool in system.tools]
         self._contacts = [ContactState(contact) for contact in system.contacts]
 
     def restore(self) -> None:

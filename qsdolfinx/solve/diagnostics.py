@@ -18,7 +18,7 @@ from qsdolfinx.solve.newton import Newton
 
 #: Checks after a single solve, in the order in which they are made.
 OF_A_SOLVE = (
-    Check("passed through unseen", find_passed_through, ContactType.NORMAL, ReachWarning),
+    Check("passed through unseen", find_passed_through, ContactType.GAPS, ReachWarning),
     Check("deep corner", find_deep_corners, ContactType.NORMAL),
     Check("deep between nodes", find_deep_between_nodes, ContactType.GAPS),
     Check("turned tie", find_turned_tie, ContactType.TIE),

@@ -14,7 +14,6 @@ from qsdolfinx.contact import active_set
 from qsdolfinx.surface.unknowns import owned_vertices
 from qsdolfinx.system.rigid_modes import displacement_space
 from qsdolfinx.system.system import ContactSystem
-from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -110,10 +109,12 @@ def _is_tied(system: ContactSystem, i: int) -> bool:
 
 def _moved_partner(system: ContactSystem, j: int, i: int, moved: Array) -> float:
     """Displacement of the body or tool that a body touches; infinite for a rotated tool."""
-    tool = as_tool(system.contacts[j].master)
-    if tool is None:
-        return max((float(moved[k]) for k in system.sides[j] if k not in (i, None)), default=0.0)
-    return np.inf if tool.rotation.any() else float(np.linalg.norm(tool.displacement))
+    of_bodies = [float(moved[k]) for k in system.sides[j] if k not in (i, None)]
+    of_tools = [
+        np.inf if tool.rotation.any() else float(np.linalg.norm(tool.displacement))
+        for tool in system.contacts[j].master.tools
+    ]
+    return max((*of_bodies, *of_tools), default=0.0)
 
 
 def _moved(system: ContactSystem, i: int, change: Array) -> tuple[float, float]:

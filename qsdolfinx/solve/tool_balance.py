@@ -15,7 +15,6 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.solve.foundation import Foundation, Springs
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.system import ContactSystem
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -65,27 +64,23 @@ class ToolBalance:
     """
 
     def __init__(self, system: ContactSystem) -> None:
-        self.tools: list[RigidSurface] = []
-        self._pressed: list[list[Pressed]] = []
-        forces = []
-        for contact, modulus in zip(system.contacts, system.moduli, strict=True):
-            tool = as_tool(contact.master)
-            if tool is None or tool.driven is None:
-                continue
-            if not any(tool is known for known in self.tools):
-                self.tools.append(tool)
-                self._pressed.append([])
-                forces.append(tool.driven.force)
-            field = tool.driven_motion
-            i = next(i for i, known in enumerate(self.tools) if known is tool)
-            for p in contact.gaps:
-                self._pressed[i].append(Pressed(contact, p, field, modulus, bool(contact.slips)))
-        self._force = np.array(forces)
-        for tool, force, pressed in zip(self.tools, forces, self._pressed, strict=True):
-            if tool.driven is not None and tool.driven.turns:
+        driven = [(tool, tool.driven) for tool in system.tools if tool.driven is not None]
+        self.tools = [tool for tool, _ in driven]
+        self._pressed = [
+            [
+                Pressed(contact, p, tool.driven_motion, modulus, bool(contact.slips))
+                for contact, modulus in zip(system.contacts, system.moduli, strict=True)
+                if contact.master is tool
+                for p in contact.gaps
+            ]
+            for tool in self.tools
+        ]
+        self._force = np.array([by.force for _, by in driven])
+        for (_, by), pressed in zip(driven, self._pressed, strict=True):
+            if by.turns:
                 continue
             holds = [p.contact.law.linear or p.with_friction for p in pressed]
-            if force < 0 and not any(holds):
+            if by.force < 0 and not any(holds):
                 raise ValueError("force: a negative one pulls the tool, which needs tied contact")
         self._start = [(tool.displacement.copy(), tool.rotation.copy()) for tool in self.tools]
 

@@ -26,7 +26,6 @@ from qsdolfinx.solve.snes import ConvergenceError
 from qsdolfinx.steps.remeshing import Remeshing
 from qsdolfinx.steps.scene import Scene
 from qsdolfinx.steps.staggered import Staggered
-from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -265,7 +264,7 @@ class HandOver:
             )
             for i, (first, second) in enumerate(zip(before, after, strict=True)):
                 name = first.model.called(i)
-                same = as_tool(first.master) is as_tool(second.master)
+                same = first.master.tools == second.master.tools
                 require(same, f"build: {name} must have the same rigid tool as before")
                 alike = len(first.model.parts) == len(second.model.parts)
                 require(alike, f"build: {name} must have the same formulation and friction")

@@ -13,10 +13,11 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import displacements_since
+from qsdolfinx.contact.depth import SIDES
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, Placement
 from qsdolfinx.surface.affine import trace_vec
-from qsdolfinx.tools.rigid_surface import RigidSurface, deformable
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
@@ -56,8 +57,9 @@ class MotionLimits:
         for contact, start in zip(self._contacts, starts, strict=True):
             now = contact.model.placement
             if self.max_rotation is not None:
-                for side in ("slave", "master"):
-                    places = start.place(side), now.place(side)
+                # Tools are checked by their own rotation.
+                both = zip(SIDES, start.bodies, now.bodies, strict=False)
+                for side, *places in both:
                     text = self._turned(f"the {side}'s surface", _turn(contact.comm, *places))
                     if text is not None:
                         return text
@@ -73,10 +75,8 @@ class MotionLimits:
         return f"{what} turns by {angle:.3g}, above max_rotation = {self.max_rotation:g}"
 
 
-def _turn(comm: MPI.Intracomm, before: object, now: object) -> float:
+def _turn(comm: MPI.Intracomm, before: Place, now: Place) -> float:
     """Largest rotation angle (radians) of nodal normals. Collective."""
-    if not isinstance(before, Place) or not isinstance(now, Place):
-        return 0.0  # tools are checked by their own rotation
     normals = [place.facets().node_normal for place in (before, now)]
     cosine = np.clip(np.sum(normals[0] * normals[1], axis=1), -1.0, 1.0)
     sine = np.linalg.norm(np.cross(normals[0], normals[1]), axis=1)
@@ -89,17 +89,13 @@ def _slip(model: ContactModel, start: Placement) -> float:
         return _slip_at_points(model, start)
     gap, slave, gdim = model.gaps[0], model.slave, model.slave.gdim
     closed = gap.rows.largest_on_nodes(active_set.closed(model, gap).astype(np.float64)) > 0
-    moved, other = displacements_since(model, start)
-    vec = trace_vec(slave, np.ascontiguousarray(moved[..., :gdim]))
+    moved = zip(model.bodies, displacements_since(model, start), strict=True)
+    vecs = [trace_vec(surface, np.ascontiguousarray(way[..., :gdim])) for surface, way in moved]
     by_node = gap.by_node()
-    master, against = deformable(gap.master), None
-    if master is not None and other is not None:
-        against = trace_vec(master, np.ascontiguousarray(other[..., :gdim]))
     operator = by_node.jump_operator()
-    jump = operator.apply(handle_of(vec), handle_of(against))
-    for made in (vec, against):
-        if made is not None:
-            made.destroy()
+    jump = operator.apply(vecs[0].handle, handle_of(vecs[1] if len(vecs) > 1 else None))
+    for vec in vecs:
+        vec.destroy()
     normal = by_node.operator.slave_sum[:, :gdim]
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     cover = np.maximum(np.abs(operator.slave_sum[:, :1]), 1e-300)
@@ -112,10 +108,9 @@ def _slip(model: ContactModel, start: Placement) -> float:
 
 
 def _slip_at_points(model: ContactModel, start: Placement) -> float:
-    gap, master = model.gaps[0], start.master
+    gap = model.gaps[0]
     assert gap.following is not None and gap.cut is not None
-    there = master.positions() if isinstance(master, Place) else master.now
-    found = gap.slip_at_points((start.slave.positions(), there))
+    found = gap.slip_at_points((start.slave.positions(), start.master.positions()))
     sizes = gap.following.facet_sizes(gap.cut)
     count = len(sizes)  # the last constraints are not at points
     way = found.arc[:count] * np.linalg.norm(found.slip[:count], axis=1)

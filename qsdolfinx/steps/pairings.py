@@ -20,7 +20,7 @@ from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.swinging import swings
 from qsdolfinx.steps.tool_motion import ToolRate, left_until
 from qsdolfinx.surface.affine import Affine, rotation_about, rotation_matrix
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
+from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
@@ -122,16 +122,16 @@ class Pairings:
     def have_slid(self) -> bool:
         """Whether contact is far from the positions of contact detection. Collective."""
         off = [now - at for now, at in zip(self._now(), self._paired, strict=True)]
-        for contact, (s, m) in self._sides():
+        ways = [self._way(tool) for tool in self._tools]
+        for contact, (s, m), t in self._sides():
             if contact.model.follows:
                 continue
             if turning_error(contact.model) > TURNED:
                 return True
             if not contact.model.has_gaps:  # a tie keeps its pairs
                 continue
-            tool = as_tool(contact.master)
             flows = self._in_velocity[s] or (m is not None and self._in_velocity[m])
-            moved = off[s], None if m is None else off[m], None if tool is None else self._way(tool)
+            moved = off[s], None if m is None else off[m], None if t is None else ways[t]
             if slid(contact.model, *moved) > (FAR_FLOWING if flows else FAR):
                 return True
             if not flows and turned(contact.model) > FAR_TURNED:
@@ -167,7 +167,7 @@ class Pairings:
 
     def _part_of_step(self, tool: RigidSurface, part: float) -> float:
         """Part of the step after which a tool is paired: that of the body that it touches."""
-        flows = [self._in_velocity[s] for c, (s, _) in self._sides() if c.master is tool]
+        flows = [self._in_velocity[s] for c, (s, _), _ in self._sides() if c.master is tool]
         return part if any(flows) else 1.0
 
     def _left(self, tool: RigidSurface) -> tuple[Array, Array]:
@@ -180,8 +180,10 @@ class Pairings:
         displacement, rotation = self._left(tool)
         return rotation_about(rotation_matrix(rotation), tool.center, displacement)
 
-    def _sides(self) -> typing.Iterator[tuple[Contact, tuple[int, int | None]]]:
-        return zip(self._problem.contacts, self._problem.sides, strict=True)
+    def _sides(self) -> typing.Iterator[tuple[Contact, tuple[int, int | None], int | None]]:
+        """Contacts with the numbers of their bodies, and of their tool."""
+        problem, numbers = self._problem, self._problem.system.tool_numbers
+        return zip(problem.contacts, problem.sides, numbers, strict=True)
 
     def _pair(self, places: list[Array]) -> None:
         """Update the contact pairs at these positions, and move the meshes for the solver."""
@@ -195,13 +197,13 @@ class Pairings:
             offsets.append(fem.Function(motion.u.function_space))
             offsets[-1].x.array[:] = -motion.carried(moved)
             starts.append(self._start_of(i))
-        for contact, (s, m) in self._sides():
+        since = [self._start.motion_since(tool) for tool in self._tools]
+        for contact, (s, m), t in self._sides():
             if contact.model.follows:
                 continue
             contact.update()
             set_offset(contact.model, offsets[s], None if m is None else offsets[m])
-            tool = as_tool(contact.master)
-            moved_tool = None if tool is None else self._start.motion_since(tool)
+            moved_tool = None if t is None else since[t]
             set_start(contact.model, starts[s], None if m is None else starts[m], moved_tool)
         for motion, flows, known in zip(self._motions, self._in_velocity, self._known, strict=True):
             motion.move(motion.values(known * self._theta * self._dt) if flows else 0.0)
@@ -209,7 +211,7 @@ class Pairings:
 
     def _follow(self) -> None:
         """Set the start of the step as the reference of contacts with updated geometry."""
-        following = [(c.model, sides) for c, sides in self._sides() if c.model.follows]
+        following = [(c.model, sides) for c, sides, _ in self._sides() if c.model.follows]
         if not following:
             return
         if any(self._in_velocity):

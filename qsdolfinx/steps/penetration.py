@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 
 from qsdolfinx.contact import depth
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.passing import find_passed
-from qsdolfinx.contact.placement import Placement, ToolPlace
+from qsdolfinx.contact.placement import Placement
 from qsdolfinx.contact.reach import NOTICED, reach
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-from qsdolfinx.tools.rigid_surface import as_tool, deformable
 
 #: Depth, in units of the largest facet, above which a step is rejected by default.
 AUTOMATIC = 0.5
@@ -43,7 +41,7 @@ class Penetration:
 
     def starts(self) -> list[Placement]:
         """Positions of the surfaces of each contact, before a step."""
-        return [_start(contact) for contact in self._contacts]
+        return [contact.model.placement.as_given for contact in self._contacts]
 
     def fault(self, starts: typing.Sequence[Placement]) -> str | None:
         """Describe the largest penetration if it is too deep, and its place; else None. Collective.
@@ -99,16 +97,4 @@ class Penetration:
     def _limit(self, contact: Contact) -> float:
         if isinstance(self.limit, float):
             return self.limit
-        largest = contact.slave.facet_size_range[1]
-        master = deformable(contact.master)
-        if master is not None:
-            largest = max(largest, master.facet_size_range[1])
-        return AUTOMATIC * largest
-
-
-def _start(contact: Contact) -> Placement:
-    placement, tool = contact.model.placement, as_tool(contact.master)
-    if tool is None:
-        return placement
-    # The tool may have been moved since.
-    return dataclasses.replace(placement, master=ToolPlace(tool, tool.position))
+        return AUTOMATIC * contact.model.settings.largest_facet

@@ -94,7 +94,7 @@ def _contact_forces(problem: ContactProblem) -> list[Array]:
     """Forces of the last step's contact on the owned unknowns of each body. Collective."""
     out: list[Array] = [np.zeros(body.num_owned) for body in problem.bodies]
     for contact, sides in zip(problem.system.contacts, problem.sides, strict=True):
-        for i, force in zip(sides, results.forces_on_bodies(shown(contact)), strict=True):
-            if i is not None and force is not None:
+        for i, force in zip(sides, results.forces_on_bodies(shown(contact)), strict=False):
+            if i is not None:
                 out[i] += force
     return out

@@ -13,7 +13,6 @@ from qsdolfinx.steps.penetration import Penetration
 from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.tool_motion import ToolRate
-from qsdolfinx.tools.rigid_surface import as_tool
 
 Array = npt.NDArray[np.float64]
 
@@ -46,9 +45,8 @@ class Scene:
             MeshMotion(u, is_ring)
             for u, is_ring in zip(problem.u, _are_rings(problem), strict=True)
         ]
-        tools = [tool for c in problem.contacts if (tool := as_tool(c.master)) is not None]
         #: Rigid tools, each once.
-        self.tools = list({id(tool): tool for tool in tools}.values())
+        self.tools = list(problem.system.tools)
         self.in_velocity = [kind == "velocity" for kind in problem.unknowns]
         #: Velocities of the last step, as ``TimeStepper.rates``.
         self.rates: list[Array] = [np.zeros_like(u.x.array) for u in problem.u]

@@ -12,7 +12,6 @@ from qsdolfinx.friction.of_points import OfPoints, closest
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.steps.checkpoint import Checkpoint, vertex_unknowns
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.tools.rigid_surface import deformable
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -74,14 +73,16 @@ def _is_alone(keys: Indices) -> npt.NDArray[np.bool_]:
 
 def _numbered(slip: Slip, keys: Indices, place: Array) -> tuple[Indices, Array]:
     """As :func:`_known_by`, for the keys of ``SlipAtPoints``. Collective."""
-    slave, master = slip.gap.slave, deformable(slip.gap.master)
+    slave, master = slip.gap.slave, slip.gap.master
     nv = slave.num_facet_vertices
     first = 0 if keys.shape[1] == nv else 1  # the segmented facet, except for analytic tools
     numbers = _numbers(slave, keys[:, first : first + nv, None])
     order = np.argsort(numbers, axis=1)
     columns = [keys[:, :first], np.take_along_axis(numbers, order, axis=1)]
     there = keys[:, first + nv :]
-    columns.append(there if master is None else np.sort(_numbers(master, there[..., None]), axis=1))
+    for body in master.bodies:
+        there = np.sort(_numbers(body, there[..., None]), axis=1)
+    columns.append(there)
     return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
 
 
@@ -94,9 +95,8 @@ def _known_by(slip: Slip) -> tuple[Indices, Array]:
     slave = _numbers(slip.gap.slave, points.slave["dofs"])
     order = np.argsort(slave, axis=1)
     columns = [carried.parts(slip), np.take_along_axis(slave, order, axis=1)]
-    master = deformable(slip.gap.master)
-    if master is not None:
-        columns.append(np.sort(_numbers(master, points.master["dofs"]), axis=1))
+    for body in slip.gap.master.bodies:
+        columns.append(np.sort(_numbers(body, points.master["dofs"]), axis=1))
     return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
 
 

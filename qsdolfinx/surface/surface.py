@@ -322,6 +322,16 @@ class Surface:
         return int(self.axisymmetric)
 
     @property
+    def bodies(self) -> tuple[Surface, ...]:
+        """The surface itself: surfaces with unknowns on this side, see :class:`qs.RigidSurface`."""
+        return (self,)
+
+    @property
+    def tools(self) -> tuple[()]:
+        """Empty: rigid tools on this side of a contact, see :class:`qs.RigidSurface`."""
+        return ()
+
+    @property
     def is_analytic(self) -> bool:
         """False: the surface consists of facets, see :class:`qs.RigidSurface`."""
         return False
@@ -361,6 +371,14 @@ class Surface:
     def search_object(self, slave: Surface) -> _cpp.Surface:
         """Object of the C++ extension for contact detection from a slave."""
         return self.cpp_object
+
+    def as_facets(self, axisymmetric: bool = False) -> Surface:
+        """The surface itself, which consists of facets; see :class:`qs.RigidSurface`."""
+        return self
+
+    def facet_positions(self, position: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Nodes of this rank's facets, (facets, nodes, 3), which are the position of a body."""
+        return position
 
     @property
     def geometry(self) -> Cartesian:

@@ -22,7 +22,6 @@ from qsdolfinx.system.driven import DrivenTools
 from qsdolfinx.system.layout import Layout
 from qsdolfinx.system.passes import Pass, State
 from qsdolfinx.system.system import ContactSystem
-from qsdolfinx.tools.rigid_surface import RigidSurface, as_tool
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -72,7 +71,7 @@ class Equations:
 
     def __init__(self, system: ContactSystem) -> None:
         self.system = system
-        self.tools: list[RigidSurface] = []
+        self.tools = [tool for tool in system.tools if tool.driven is not None]
         self.passes: list[Pass] = []
         for contact, side in zip(system.contacts, system.sides, strict=True):
             tool = self._number_of(contact)
@@ -94,22 +93,20 @@ class Equations:
         self._at: State | None = None
 
     def _number_of(self, contact: ContactModel) -> int | None:
-        """Number of the force-controlled tool of a contact; a new tool is added."""
-        tool = as_tool(contact.master)
-        if tool is None or tool.driven is None:
-            return None
-        if tool.driven.turns and contact.slave.axisymmetric:
-            raise ValueError("drive_moment: a tool of an axisymmetric problem cannot be rotated")
-        if tool.driven.turns and contact.follows:
-            raise ValueError(
-                'drive_moment: sliding="finite" supports tools with forces, not with moments; use '
-                'sliding="small" with time steps, or prescribe the rotation'
-            )
-        for i, known in enumerate(self.tools):
-            if known is tool:
-                return i
-        self.tools.append(tool)
-        return len(self.tools) - 1
+        """Number of the force-controlled tool of a contact; None without one."""
+        for i, tool in enumerate(self.tools):
+            if tool is not contact.master or tool.driven is None:
+                continue
+            if tool.driven.turns and contact.slave.axisymmetric:
+                text = "drive_moment: a tool of an axisymmetric problem cannot be rotated"
+                raise ValueError(text)
+            if tool.driven.turns and contact.follows:
+                raise ValueError(
+                    'drive_moment: sliding="finite" supports tools with forces, not with moments; '
+                    'use sliding="small" with time steps, or prescribe the rotation'
+                )
+            return i
+        return None
 
     @property
     def is_current(self) -> bool:

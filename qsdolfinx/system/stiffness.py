@@ -16,7 +16,6 @@ from qsdolfinx.contact.soft_at_nodes import SPIKES
 from qsdolfinx.system.blocks import Sides
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.matrices import Form
-from qsdolfinx.tools.rigid_surface import deformable
 
 
 def measure(
@@ -49,8 +48,8 @@ def measure(
         held.find(contact, *of_sides)
         measured = [
             nodal_stiffness(surface, bulk[i], markers[i], scales[i])
-            for surface, i in ((contact.slave, s), (deformable(contact.master), m))
-            if surface is not None and i is not None
+            for surface, i in zip(contact.bodies, (s, m), strict=False)
+            if i is not None
         ]
         stiffness, modulus = (tuple(values) for values in zip(*measured, strict=True))
         together = form is Form.SUM and contact.law.linear and all(body.linear for body in bodies)

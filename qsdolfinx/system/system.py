@@ -21,18 +21,12 @@ from qsdolfinx.system import stiffness
 from qsdolfinx.system.blocks import Side
 from qsdolfinx.system.body import Body, body_of
 from qsdolfinx.system.matrices import Form, Matrices
-from qsdolfinx.tools.rigid_surface import as_tool
+from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 
 #: Part of a motion's amplitude below which a body does not take part in the motion.
 NOT_IN_IT = 1e-8
-
-
-def _is_driven(contact: ContactModel) -> bool:
-    """Whether the contact has a force-controlled tool."""
-    tool = as_tool(contact.master)
-    return tool is not None and tool.driven is not None
 
 
 class ContactSystem:
@@ -63,6 +57,10 @@ class ContactSystem:
             for i in (slave, master):
                 if i is not None:
                     self.bodies[i].geometry = contact.slave.geometry
+        #: Rigid tools, each once, and the number of each contact's tool; None for a body.
+        self.tools = list(dict.fromkeys(tool for c in contacts for tool in c.master.tools))
+        numbers: dict[AnySurface, int] = {tool: i for i, tool in enumerate(self.tools)}
+        self.tool_numbers = [numbers.get(contact.master) for contact in contacts]
         for contact, side in zip(self.contacts, self.sides, strict=True):
             if contact.mechanics is not None and contact.mechanics.of in self.contacts:
                 same = self.sides[self.contacts.index(contact.mechanics.of)] == side
@@ -239,7 +237,7 @@ class ContactSystem:
         """
         paired = [contact.paired for contact in self.contacts]
         same = len(paired) == len(self._paired) and all(map(operator.is_, paired, self._paired))
-        driven = self._driven == list(map(_is_driven, self.contacts))
+        driven = self._driven == [tool.driven is not None for tool in self.tools]
         return same and driven and self._scales == self.scales
 
     def make_stale(self) -> None:
@@ -255,7 +253,7 @@ class ContactSystem:
         self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
         self._made = Matrices(*parts, bulk, self.scales, self.form, self.watch)
         self._paired = [c.paired for c in self.contacts]
-        self._driven = list(map(_is_driven, self.contacts))
+        self._driven = [tool.driven is not None for tool in self.tools]
         self._scales = self.scales
         self._assembled = None
 

@@ -45,6 +45,11 @@ class FacetSurface:
         return self.coordinates[0].shape[1]
 
     @property
+    def degree(self) -> int:
+        """Degree of the facets: 1, they are flat."""
+        return 1
+
+    @property
     def node_dofs(self) -> Indices:
         """Unknowns of the vertices that this rank owns, (vertices, gdim)."""
         return np.asarray(self.cpp_object.node_dofs)

@@ -275,6 +275,16 @@ class RigidSurface:
         return cls(msh.comm, middle, facets)
 
     @property
+    def bodies(self) -> tuple[()]:
+        """Empty: surfaces with unknowns on this side of a contact, see :class:`qs.Surface`."""
+        return ()
+
+    @property
+    def tools(self) -> tuple[RigidSurface, ...]:
+        """The tool itself: rigid tools on this side of a contact."""
+        return (self,)
+
+    @property
     def V(self) -> None:
         """None: a rigid tool has no function space."""
         return None
@@ -613,6 +623,16 @@ class RigidSurface:
         """None: a rigid tool has no unknowns."""
         return None
 
+    @property
+    def linear(self) -> RigidSurface:
+        """The tool itself: its facets are flat, see :class:`qs.Surface`."""
+        return self
+
+    @property
+    def heights(self) -> None:
+        """None: the facets of a tool are flat, see :class:`qs.Surface`."""
+        return None
+
     def shape_degree(self, order: int) -> int:
         """Total polynomial degree of Lagrange functions of this order on its facets; 0 without."""
         if self.is_analytic:
@@ -654,15 +674,15 @@ class RigidSurface:
         return self._shape
 
 
-#: Either side of a contact.
+#: Either side of a contact: both classes answer the same questions, see docs/design.md.
 AnySurface = Surface | RigidSurface
 
 
-def as_tool(surface: AnySurface) -> RigidSurface | None:
-    """The surface if it is a rigid tool, else None."""
-    return surface if isinstance(surface, RigidSurface) else None
+def is_rigid(surface: AnySurface) -> typing.TypeGuard[RigidSurface]:
+    """Whether a surface is a rigid tool, where contact treats tools by other rules than bodies."""
+    return isinstance(surface, RigidSurface)
 
 
-def deformable(surface: AnySurface) -> Surface | None:
-    """The surface if it has unknowns, else None."""
-    return surface if isinstance(surface, Surface) else None
+def is_shape(surface: AnySurface) -> typing.TypeGuard[RigidSurface]:
+    """Whether a surface is a rigid tool whose shape is known in closed form."""
+    return surface.is_analytic

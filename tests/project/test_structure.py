@@ -134,6 +134,31 @@ def test_private_names_stay_in_their_file(path):
     assert found == []
 
 
+def test_tools_and_bodies_answer_the_same_questions():
+    """Few rules of contact depend on whether a side is a body or a rigid tool.
+
+    Types of sides and of their positions are compared only where these are defined, and where the
+    arguments of the user are checked. A new case is a method of both classes, or a loop over
+    ``bodies`` or ``tools``.
+    """
+    kinds = {"Surface", "RigidSurface", "Place", "ToolPlace"}
+    asked, compared = [], []
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+                continue
+            where = f"{path.relative_to(ROOT)}, line {node.lineno}"
+            if node.func.id == "is_rigid":
+                asked.append(where)
+            if node.func.id == "isinstance":
+                names = {name.id for name in ast.walk(node.args[1]) if isinstance(name, ast.Name)}
+                compared += [where] if names & kinds else []
+    assert len(asked) <= 15, asked
+    homes = ("tools/rigid_surface.py", "contact/placement.py")
+    assert [where for where in compared if not where.startswith(homes)] == []
+    assert len(compared) <= 2, compared
+
+
 def test_a_demo_is_read_from_top_to_bottom():
     """Each program has at most 150 lines.
 
