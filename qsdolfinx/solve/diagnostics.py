@@ -6,7 +6,7 @@ import functools
 
 from qsdolfinx.contact.advice import CHORDS
 from qsdolfinx.contact.between_nodes import find_deep_between_nodes, find_deep_corners
-from qsdolfinx.contact.creases import find_crossing_edges
+from qsdolfinx.contact.creases import find_crossing_edges, find_deep_edges
 from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.reach import ReachWarning, find_passed_through
@@ -23,6 +23,7 @@ OF_A_SOLVE = (
     Check("turned tie", find_turned_tie),
     Check("slid with small sliding", find_slid),
     Check("edges that cross", find_crossing_edges),
+    Check("deep edges", find_deep_edges),
 )
 
 #: Checks after a time step. The time stepper itself checks for points that have passed through, and
