@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import pickle
 import typing
 
 from mpi4py import MPI
@@ -11,21 +12,6 @@ from mpi4py import MPI
 import numpy as np
 
 from qsdolfinx.base.checks import Kind, check
-
-#: Exceptions that other ranks can create from the text alone.
-_PLAIN = (
-    ValueError,
-    TypeError,
-    RuntimeError,
-    IndexError,
-    OSError,
-    FileNotFoundError,
-    FileExistsError,
-    NotADirectoryError,
-    PermissionError,
-    KeyboardInterrupt,
-    SystemExit,
-)
 
 _ANYTHING = Kind("anything", lambda value: True)
 
@@ -120,7 +106,7 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
 
     Raises:
         Exception: The exception raised inside the block on any rank. Ranks that did not raise it
-            get a RuntimeError instead if it is not a built-in exception created from a single text.
+            get a copy; or a RuntimeError with its text, if pickle cannot copy it.
     """
     with checked(comm):
         yield
@@ -151,15 +137,23 @@ def _raise_everywhere(
     comm: MPI.Intracomm, error: BaseException | None, first: int
 ) -> typing.NoReturn:
     """Raise this rank's error, or a copy of the error of the first rank with an error."""
-    mine = (type(error).__name__, str(error)) if comm.rank == first else None
-    name, text = comm.bcast(mine, root=first)
-    kind = {k.__name__: k for k in _PLAIN}.get(name)
+    mine = (type(error).__name__, str(error), _pickled(error)) if comm.rank == first else None
+    name, text, copy = comm.bcast(mine, root=first)
     if error is not None and (
-        comm.rank == first or (kind is None and type(error).__name__ == name)
+        comm.rank == first or (copy is None and type(error).__name__ == name)
     ):
         raise _of_all(error)
-    made = RuntimeError(f"{name}: {text}") if kind is None else kind(text)
+    made = RuntimeError(f"{name}: {text}") if copy is None else pickle.loads(copy)
     raise _of_all(made) from error
+
+
+def _pickled(error: BaseException | None) -> bytes | None:
+    """The error as bytes from which other ranks can make a copy; None if that is not possible."""
+    try:
+        copy = pickle.dumps(error)
+        return copy if type(pickle.loads(copy)) is type(error) else None
+    except Exception:  # errors with any arguments of their own
+        return None
 
 
 def _of_all(error: BaseException) -> BaseException:

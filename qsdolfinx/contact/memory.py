@@ -199,7 +199,7 @@ def _set_start(model: ContactModel, j: int, values: Array) -> None:
 def _flags(start: Array) -> Array:
     """Round the flags of slipping, and of components moved by conditions, to 0 or 1."""
     out = start.copy()
-    out[:, 1], out[:, 3:] = np.rint(out[:, 1]), np.rint(out[:, 3:])
+    out[:, 1], out[:, 4:] = np.rint(out[:, 1]), np.rint(out[:, 4:])
     return out
 
 

@@ -70,13 +70,14 @@ def turn(parts: typing.Sequence[Part]) -> None:
 def pressures_on_nodes(slip: Slip) -> Array:
     """Pressure and state of a slip at the start of the step, at all owned nodes.
 
-    The columns are the pressure, whether the node slipped, the covered part of its area, and which
-    components conditions have moved. The shape is (nodes, 3 + gdim).
+    The columns are the pressure, whether the node slipped, the part of its friction limit that it
+    reached, the covered part of its area, and which components conditions have moved. The shape is
+    (nodes, 4 + gdim).
     """
     state, rows = slip.state, slip.gap.rows
-    columns = np.column_stack([state.pressed, state.slipped])
+    columns = np.column_stack([state.pressed, state.slipped, state.used])
     if isinstance(rows, PointRows) and slip.gap.following is not None:
-        none = np.zeros((len(state.covered), 2))
+        none = np.zeros((len(state.covered), 3))
         of_rows = none if state.of_nodes is None else state.of_nodes
     elif isinstance(rows, PointRows):
         of_rows = rows.projected_means(columns)
@@ -88,9 +89,10 @@ def pressures_on_nodes(slip: Slip) -> Array:
 def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
     """Restore the state returned by :func:`pressures_on_nodes`."""
     state = slip.state
-    state.pressed, state.slipped = (slip.gap.rows.from_nodes(c) for c in columns.T[:2])
-    state.of_nodes = np.array(columns[:, :2])
-    state.covered, state.moved = np.array(columns[:, 2]), np.array(columns[:, 3:])
+    of_rows = [slip.gap.rows.from_nodes(c) for c in columns.T[:3]]
+    state.pressed, state.slipped, state.used = of_rows
+    state.of_nodes = np.array(columns[:, :3])
+    state.covered, state.moved = np.array(columns[:, 3]), np.array(columns[:, 4:])
 
 
 def reset(model: ContactModel) -> None:

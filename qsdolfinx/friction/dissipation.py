@@ -26,9 +26,8 @@ class Evaluated(typing.NamedTuple):
     Attributes:
         rows: Input of the law.
         response: Response of the law.
-        leaving: Constraints that slipped at the start of the step and are inactive now, except for
-            those that have lost their friction, (rows,). Sticking constraints slip only when there
-            is hardly any pressure left.
+        leaving: Part of its friction limit that a constraint reached at the start of the step which
+            is inactive now, from 0 to 1, (rows,); 0 for other constraints.
         gap: Mean gap of each constraint (length), negative if open, (rows,).
         compliance: Gap (length) that a pressure closes, over this pressure: of the penalty and of
             the bodies.
@@ -43,7 +42,7 @@ class Evaluated(typing.NamedTuple):
 
     rows: Rows
     response: Response
-    leaving: npt.NDArray[np.bool_]
+    leaving: Array
     gap: Array
     compliance: float
     means: bool
@@ -64,7 +63,11 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     pressure goes from its value at the start of the step to that at the end. This makes the energy
     second-order accurate in Δt. Constraints that open had λ_0 at the start, and are open by −ḡ at
     the end. At a constant rate they are active during the part λ_0 C / (λ_0 C − ḡ) of the step,
-    where C is the compliance.
+    where C is the compliance. A constraint that sticks with a part a of its friction limit slips
+    only when the falling limit reaches its friction: during the last part a of that time, with a
+    times the friction of a slipping one. So its slip has the factor a, its energy a². In a step in
+    which nothing moves, slipping constraints stay on their limit, and rounding decides whether they
+    stick there: slip and energy of the next step must not depend on it.
 
     Where an edge slides over constraints, force passes from one constraint to the next, and
     pressures at the start and at the end belong to different areas. Then only the forces at the end
@@ -80,17 +83,17 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     if not step.same:
         return slip, energy
     energy = law.growth(rows) * energy
-    leaving = step.leaving
+    leaving = step.leaving > 0
     if leaving.any():
         way, work = _of_leaving(law, step)
-        slip = np.where(leaving[:, None], way, slip)
-        energy = np.where(leaving, work, energy)
+        slip = np.where(leaving[:, None], step.leaving[:, None] * way, slip)
+        energy = np.where(leaving, step.leaving**2 * work, energy)
     return slip, energy
 
 
 def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
-    """Slip and energy of constraints that open in the step, up to the time when they open."""
-    rows, leaving = step.rows, step.leaving
+    """Slip and energy of slipping constraints that open in the step, until they open."""
+    rows, leaving = step.rows, step.leaving > 0
     closing = rows.pressed * step.compliance
     opening = np.maximum(-step.gap, 0.0)
     part = np.divide(closing, closing + opening, np.zeros_like(closing), where=closing > 0)

@@ -144,6 +144,18 @@ class Friction(abc.ABC):
         """
         return np.ones_like(rows.pressure)
 
+    def used(self, rows: Rows, response: Response) -> Array:
+        """Part of the friction limit that |τ| reaches, from 0 to 1, (rows,).
+
+        Used for the energy of constraints that open in the next step. Without a limit, it is 1
+        where constraints slip, and 0 elsewhere.
+
+        Args:
+            rows: Input of the law.
+            response: Its response to them.
+        """
+        return response.slipping.astype(np.float64)
+
 
 class Limited(Friction):
     """Sticks while |τ| is below a limit κ(λ), and slips in the direction of τ at the limit.
@@ -189,6 +201,13 @@ class Limited(Friction):
         limits = [self.limit(rows._replace(pressure=pressure))[0] for pressure in between]
         usual = np.isfinite(end) & (end > 0)
         return np.asarray(np.divide(np.mean(limits, axis=0), end, np.ones_like(end), where=usual))
+
+    def used(self, rows: Rows, response: Response) -> Array:
+        """|τ|/κ(λ); 1 where constraints slip."""
+        limit, size = self.limit(rows)[0], np.linalg.norm(response.traction, axis=1)
+        usual = rows.closed & np.isfinite(limit) & (limit > 0)
+        part = np.divide(size, limit, out=np.zeros_like(size), where=usual)
+        return np.where(response.slipping, 1.0, np.minimum(part, 1.0))
 
 
 class Coulomb(Limited):

@@ -95,7 +95,8 @@ class SlipState:
         of_points: With updated geometry, data of the points at the start of the step, see ``rest``;
             None before these are known.
         of_nodes: With updated geometry, where points change at each evaluation, functions of the
-            nodes instead of ``pressed`` and ``slipped``, (nodes, 2); None before there are any.
+            nodes instead of ``pressed``, ``slipped`` and ``used``, (nodes, 3); None before there
+            are any.
         closing: With updated geometry, functions of the nodes instead of ``until_closed`` and
             ``share``, (nodes, gdim + 1), so that the response does not jump when points move to
             another facet. None if the whole step counts for all constraints.
@@ -113,6 +114,8 @@ class SlipState:
             of contact.
         slipped: 1 for constraints that slipped at the start of the step, (rows,); or values of such
             a function.
+        used: Part of its friction limit that each constraint reached at the start of the step,
+            (rows,); or values of such a function.
         covered: Covered part of the area of each owned node at the start of the step, (nodes,).
         moved: 1 for components in which Dirichlet conditions have moved an owned node relative to
             the opposite surface, in this step or before, while it was in contact, (nodes, gdim).
@@ -141,6 +144,7 @@ class SlipState:
     share: Array
     pressed: Array
     slipped: Array
+    used: Array
     covered: Array
     moved: Array
     pressure: Array
@@ -176,7 +180,7 @@ class SlipState:
         stiffness = np.zeros((rows, gdim, gdim))
         response = Response(zero, stiffness, zero, no, zero, np.zeros(rows))
         none, all_ = np.zeros(rows), np.ones(rows)
-        starts = none, none, covered, np.zeros((len(covered), gdim))
+        starts = none, none, none, covered, np.zeros((len(covered), gdim))
         edge, until = np.full(rows, np.inf), zero
         start = zero, zero, zero, zero, augmented, until, all_
         return cls(*start, *starts, none, no, response, edge)
@@ -418,7 +422,7 @@ class Slip:
                 edge = state.on_edge
                 state.response = limited(self.friction, state.response, edge, rows.penalty)
             state.response = self._as_solved(state.response)
-        leaving = ~closed & self.has_slipped
+        leaving = np.where(closed, 0.0, np.clip(state.used, 0.0, 1.0))
         state.evaluated = Evaluated(
             rows,
             state.response,
@@ -505,9 +509,10 @@ class Slip:
         if state.of_points is not None:
             state.rest = self.tangential(self._rest_at(found, state.of_points))
         state.on_edge = np.full_like(none, np.inf)
-        state.pressed, state.slipped = none, none
+        state.pressed, state.slipped, state.used = none, none, none
         if state.of_nodes is not None:
-            state.pressed, state.slipped = (rows.from_nodes(c) for c in state.of_nodes.T)
+            of_rows = [rows.from_nodes(c) for c in state.of_nodes.T]
+            state.pressed, state.slipped, state.used = of_rows
         state.until_closed, state.share = self._closing_of(found, rows)
         for name, values in self.of_nodes.items():
             if isinstance(values, float):
@@ -799,9 +804,18 @@ class Slip:
         """Data on which the tangent depends, as bytes."""
         return self.state.response.stiffness.tobytes() + self.state.response.coupling.tobytes()
 
+    def _used(self) -> Array:
+        """Part of its friction limit that each constraint has reached. Collective."""
+        evaluated = self.state.evaluated
+        if evaluated is None:
+            return np.zeros_like(self.state.pressed)
+        with collective_errors(self.slave.comm):  # a law may be the user's
+            return self.friction.used(evaluated.rows, self.state.response)
+
     def end_step(self) -> None:
         """Start the next step from the end of this one."""
         traction, rows = self.state.response.traction, self.gap.rows
+        self.state.used = self._used()
         if isinstance(rows, PointRows):
             if self.state.reached is not None:
                 self.state.augmented = self.state.reached
@@ -812,8 +826,9 @@ class Slip:
                 at = self.gap.slip_at_points(self.state.begun)
                 kept = OfPoints(at.facets, at.place, self.state.rest, self._normal)
                 self.state.of_points = kept
-                flags = np.column_stack([self.state.pressure, self.state.response.slipping])
-                self.state.of_nodes = rows.projected_means(flags.astype(np.float64))
+                slipping = self.state.response.slipping
+                columns = np.column_stack([self.state.pressure, slipping, self.state.used])
+                self.state.of_nodes = rows.projected_means(columns)
         else:
             self.state.augmented = traction
         self.state.start = self.state.carried

@@ -55,6 +55,15 @@ WAYS = 20.0
 #: both bodies are deformable.
 BENDS = 0.5
 
+#: Cosine of the angle (15°) up to which a face beside a sharp edge counts as lying on the other
+#: surface, which its points then keep out: half of the least angle of a sharp edge. The rim of a
+#: flat punch that facets resolve gives no warning (tests/sliding/test_deep_edges.py).
+SLANTED = float(np.cos(np.pi / 12))
+
+#: Parts of a facet size between the points of a sharp edge at which its depth is measured, and the
+#: most parts of an edge.
+SAMPLED, MOST_PARTS = 0.25, 200
+
 #: Number of pairs of edges that are processed at a time.
 _MANY = 1_000_000
 
@@ -189,6 +198,45 @@ def deepest_of_creases(
     at = int(np.argmax(depth)) if len(depth) else -1
     most = (float(depth[at]), tuple(map(float, x[at]))) if at >= 0 else (0.0, (0.0,) * 3)
     return max((0.0, (0.0,) * 3), *role.slave.comm.allgather(most))
+
+
+def deepest_on_faces(
+    role: EdgesRole, edges: Edges, reach: float
+) -> tuple[float, tuple[float, ...]]:
+    """Largest penetration of sharp edges of one body in faces of the other one, in 3D. Collective.
+
+    Edges of which a facet lies on the other surface up to 15° do not count: the points of this
+    facet are as deep.
+
+    Args:
+        role: The two surfaces, of which one has sharp edges.
+        edges: Its edges in their present positions.
+        reach: Search distance (length).
+
+    Returns:
+        The largest depth, 0 if there is none, and its position, (3,).
+    """
+    comm, box = role.slave.comm, role.objects[1].node_x
+    low, high = box.min(axis=0, initial=np.inf), box.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    near = np.all((edges.x.max(axis=1) >= low - reach) & (edges.x.min(axis=1) <= high + reach), 1)
+    creases = edges.some(edges.are_sharp & near)
+    parts = np.ceil(creases.length / (SAMPLED * role.slave.facet_size_range[0]))
+    parts = np.clip(parts, 1, MOST_PARTS).astype(np.int64)
+    crease = np.repeat(np.arange(len(parts)), parts + 1)
+    first = np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)
+    place = (np.arange(len(crease)) - first) / parts[crease]
+    closest, x, here = _closest(role, creases, crease, place, reach)
+    depth = np.sum((closest["x"] - x) * closest["normal"], axis=1)
+    counts = closest["found"].astype(bool) & _leads_away(here, -closest["normal"], SLANTED)
+    counts &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
+    counts &= depth <= deepest(role.slave)
+    at = int(np.argmax(np.where(counts, depth, 0.0))) if len(depth) else -1
+    most = (0.0, (0.0,) * 3)
+    if at >= 0 and counts[at]:
+        most = max(most, (float(depth[at]), tuple(map(float, x[at]))))
+    return max(comm.allgather(most))
 
 
 class Facing(typing.NamedTuple):

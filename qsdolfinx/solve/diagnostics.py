@@ -7,7 +7,7 @@ import functools
 from qsdolfinx.contact.advice import CHORDS
 from qsdolfinx.contact.between_nodes import find_deep_between_nodes, find_deep_corners
 from qsdolfinx.contact.contact_type import ContactType
-from qsdolfinx.contact.creases import find_crossing_edges
+from qsdolfinx.contact.creases import find_crossing_edges, find_deep_edges
 from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.reach import ReachWarning, find_passed_through
@@ -24,6 +24,7 @@ OF_A_SOLVE = (
     Check("turned tie", find_turned_tie, ContactType.TIE),
     Check("slid with small sliding", find_slid, ContactType.GAPS),
     Check("edges that cross", find_crossing_edges, ContactType.NORMAL),
+    Check("deep edges", find_deep_edges, ContactType.NORMAL),
 )
 
 #: Checks after a time step. The time stepper itself checks for points that have passed through, and

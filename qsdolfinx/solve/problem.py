@@ -46,6 +46,7 @@ from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.snes import (
     LOST,
+    OF_USER,
     ConvergenceError,
     check_type,
     read_options,
@@ -554,7 +555,8 @@ class ContactProblem:
             self._begin_slips()
             if isinstance(error, ConvergenceError):
                 self.active_history = error.active_history
-                self._advise(error)
+                if error.reason != OF_USER:
+                    self._advise(error)
                 self.system.residual(start)  # gaps and multipliers too
                 for contact, before in zip(self.system.contacts, shown, strict=True):
                     contact.kept = before

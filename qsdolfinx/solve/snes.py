@@ -47,7 +47,15 @@ NOT_BALANCED = -1001
 #: The same for a solve in which a body supported by contact alone has lost contact.
 LOST = -1002
 
-_NAMES = {NOT_CLOSED: "GAP_NOT_CLOSED", NOT_BALANCED: "FORCE_NOT_BALANCED", LOST: "BODY_LOST"}
+#: The same for an error that the user raises with a text.
+OF_USER = -1003
+
+_NAMES = {
+    NOT_CLOSED: "GAP_NOT_CLOSED",
+    NOT_BALANCED: "FORCE_NOT_BALANCED",
+    LOST: "BODY_LOST",
+    OF_USER: "RAISED_BY_USER",
+}
 
 
 #: Remedies by reason.
@@ -88,37 +96,51 @@ class ConvergenceError(RuntimeError):
     The message has one line each for the reason, possible remedies, and a page of the
     documentation. The attributes contain the histories of the solve.
 
-    Attributes:
-        reason: PETSc's SNESConvergedReason, negative.
-        reason_name: Name of the reason, such as ``"DIVERGED_MAX_IT"``.
+    ``raise qs.ConvergenceError("the temperature rises by more than 50 K")`` in a function that
+    :class:`qs.TimeStepper` calls, or in the callback of a solver, asks for a smaller step.
+
+    Args:
+        reason: PETSc's SNESConvergedReason, negative; or the whole message, of an error that is not
+            the solver's.
         residual_history: Norm of the residual at each iteration.
         active_history: Number of active constraints at each iteration, one list entry per contact.
+        linear_reason: PETSc's KSPConvergedReason of the last linear solve.
         violation_history: Largest gap (length) that the multipliers of an augmented Lagrangian have
             left, if any.
+        linear: Whether the step size hardly matters.
+
+    Attributes:
+        reason: PETSc's SNESConvergedReason, negative.
+        reason_name: Name of the reason, such as ``"DIVERGED_MAX_IT"``; ``"RAISED_BY_USER"`` for an
+            error with a message of its own.
+        residual_history: As the argument.
+        active_history: As the argument.
+        violation_history: As the argument.
     """
 
     def __init__(
         self,
-        reason: int,
-        residual_history: list[float],
-        active_history: list[list[int]],
+        reason: int | str,
+        residual_history: typing.Sequence[float] = (),
+        active_history: typing.Sequence[list[int]] = (),
         linear_reason: int = 0,
         violation_history: typing.Sequence[float] = (),
         linear: bool = False,
     ) -> None:
-        self.reason = reason
+        self.reason = OF_USER if isinstance(reason, str) else reason
         self.violation_history = list(violation_history)
         names = PETSc.SNES.ConvergedReason
-        self.reason_name = _NAMES.get(reason) or reason_name(names, reason)
-        self.residual_history = residual_history
-        self.active_history = active_history
+        self.reason_name = _NAMES.get(self.reason) or reason_name(names, self.reason)
+        self.residual_history = list(residual_history)
+        self.active_history = list(active_history)
+        self._text = reason if isinstance(reason, str) else None
         of_linear_solver = ""
         if linear_reason < 0:
             name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
             of_linear_solver = f", linear solver: {name} ({linear_reason})"
         self._reason = f"SNES did not converge: {self.reason_name} ({reason}){of_linear_solver}"
         self._reason += self._course()
-        self._remedies = [self._remedy(linear)]
+        self._remedies = [] if self._text is not None else [self._remedy(linear)]
         super().__init__(self._message())
 
     def _remedy(self, linear: bool) -> str:
@@ -145,8 +167,11 @@ class ConvergenceError(RuntimeError):
         return out
 
     def _message(self) -> str:
+        remedies = f"\n  may help: {'; '.join(self._remedies)}" if self._remedies else ""
+        if self._text is not None:
+            return self._text + remedies
         page = f"{PAGE}; error.residual_history, error.active_history"
-        return f"{self._reason}\n  may help: {'; '.join(self._remedies)}\n  see {page}"
+        return f"{self._reason}{remedies}\n  see {page}"
 
     def advise(self, text: str) -> None:
         """Insert a text as the first remedy of the message."""

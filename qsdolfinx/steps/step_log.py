@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from qsdolfinx.base.checks import check_file
 from qsdolfinx.base.collective import checked, collective_errors
-from qsdolfinx.solve.snes import ConvergenceError
+from qsdolfinx.solve.snes import OF_USER, ConvergenceError
 
 ACCEPTED, CUT_BACK, FAILED = "accepted", "cut back", "failed"
 
@@ -119,8 +119,8 @@ def reason_of(error: Exception, names: typing.Sequence[str]) -> str:
         error: The error that it has raised.
         names: Names of the contacts.
     """
-    if not isinstance(error, ConvergenceError):
-        return str(error)
+    if not isinstance(error, ConvergenceError) or error.reason == OF_USER:
+        return " ".join(str(error).splitlines())
     return error.reason_name + _unsettled(error.active_history, names)
 
 

@@ -181,7 +181,7 @@ def test_energy_under_an_edge():
 # --- Constraints whose pressure changes
 
 
-def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False):
+def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False, used=1.0):
     """Evaluate a law at one constraint in the plane, slipping along x, with rigid stick."""
     one = np.ones(1)
     rows = Rows(
@@ -201,7 +201,7 @@ def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, mean
     )
     response = law.respond(rows)
     assert isinstance(response, Response)
-    leaving = np.array([pressure == 0 and pressed > 0])
+    leaving = np.array([used if pressure == 0 and pressed > 0 else 0.0])
     way = np.array([[before, 0.0]])
     return Evaluated(rows, response, leaving, gap * one, 0.1, means, way, same)
 
@@ -239,6 +239,21 @@ def test_row_that_leaves(law):
     np.testing.assert_allclose(
         slip_and_energy(friction, step)[1], 0.3 * 2.0 * rate**0.5 * 0.2, rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_row_that_sticks_and_leaves(law):
+    """A row that used the part a of its limit slips during the last part a of its time."""
+    friction, _ = LAWS[law]
+    slips, energies = zip(
+        *(
+            slip_and_energy(friction, evaluated(friction, 2.0, 0.0, slip=0.5, gap=-0.3, used=used))
+            for used in (0.0, 0.5, 1.0)
+        ),
+        strict=True,
+    )
+    np.testing.assert_allclose(np.ravel(slips)[::2], [0.0, 0.1, 0.2], rtol=1e-6)
+    np.testing.assert_allclose(np.ravel(energies), energies[-1] * [0.0, 0.25, 1.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("law", LAWS)
