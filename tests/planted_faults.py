@@ -512,7 +512,7 @@ FAULTS = [
         "cpp/gap/gap_rows.cpp",
         "(M != 0 || (turns && columns.dofs[(p * nc + j) * d] >= 0))",
         "M != 0",
-        "co-rotated relative displacements: terms of nodes whose shape function vanishes at the point are lost",
+        "co-rotated ties: terms of nodes whose shape function vanishes at the point are lost",
         (
             "tests/gap/test_tie_across_gap.py",
             "tests/steps/test_ties.py::test_turned_by_a_right_angle",
@@ -534,7 +534,7 @@ FAULTS = [
         "cpp/sliding/rise.cpp",
         "const double w = (pair.cut_is_slave ? 1 : -1) * points[p].weight;",
         "const double w = points[p].weight;",
-        "finite sliding: sign in the tangent of friction on curved surfaces, for segments of the master",
+        "finite sliding: sign in the tangent of friction on curved surfaces, master's segments",
         (
             "tests/sliding/test_vertices.py::test_derivative",
             "tests/sliding/test_tangent.py::test_friction",
@@ -764,7 +764,7 @@ FAULTS = [
         "qsdolfinx/steps/penetration.py",
         "            self._new[i] = known + moved\n",
         "            self._new[i] = known\n",
-        "the bound of the depth does not grow in small steps, so that the depth is never measured again",
+        "the bound of the depth does not grow in small steps: it is never measured again",
         (
             "tests/steps/test_stepper.py::test_penetration",
             "tests/steps/test_passing_through.py",
