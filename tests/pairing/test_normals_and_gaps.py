@@ -83,31 +83,3 @@ def test_along_the_bisector(cell, quadrature, height):
     assert np.all(np.sign(points.gap) == np.sign(height))
     distance = np.sum((points.master.x - points.slave.x) * points.normal, axis=1)
     np.testing.assert_allclose(points.gap, distance, atol=1e-13)
-
-
-@pytest.mark.parametrize("swapped", (False, True))
-@pytest.mark.parametrize("cell", CELLS)
-def test_on_sharp_edges(cell, swapped):
-    """A node on a sharp edge has the normal of the face that faces the other surface."""
-    gdim = 2 if cell in ("triangle", "quadrilateral") else 3
-    axis, height = gdim - 1, 0.1
-    corner = np.append(np.full(axis, 0.2), height)
-    meshes = [
-        box(WORLD, [3] * gdim, cell, corner, corner + 0.6, "forward"),
-        box(WORLD, [4] * axis + [1], cell, [0.0] * axis + [-1.0], [1.0] * axis + [0.0], "backward"),
-    ]
-    faces = [plane(meshes[0], 0, 0.2), plane(meshes[0], axis, height)], [plane(meshes[1], axis, 0)]
-    upper, lower = (
-        qs.Surface(vector_space(msh), facets=np.concatenate(found))
-        for msh, found in zip(meshes, faces, strict=True)
-    )
-    surfaces = (lower, upper) if swapped else (upper, lower)
-    options = {"quadrature": "nodal", "normals": "bisector", "penalty": 1.0, "search_radius": 0.2}
-    points = qs.Contact(*surfaces, formulation="quasi-symmetric", **options).pairing
-    x = points.master.x if swapped else points.slave.x
-    on_edge = (np.abs(x[:, axis] - height) < 1e-12) & (np.abs(x[:, 0] - 0.2) < 1e-12)
-    assert WORLD.allreduce(np.count_nonzero(on_edge)) > 0
-    expected = np.zeros(3)
-    expected[axis] = 1.0 if swapped else -1.0
-    np.testing.assert_allclose(points.normal[on_edge] - expected, 0, atol=1e-12)
-    np.testing.assert_allclose(points.gap[on_edge], height, atol=1e-12)

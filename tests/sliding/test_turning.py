@@ -204,28 +204,3 @@ def test_depth_of_curved_facets_that_slide(displacements):
         depths.append(contact.penetration())
     assert 1e-4 < depths[0] < 0.02
     assert depths[1:] == pytest.approx(2 * [depths[0]], rel=0.2)
-
-
-@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
-def test_energy_of_a_disc_that_turns(formulation):
-    """Friction dissipates torque times angle, although the chord is shorter than the arc."""
-    bodies = [
-        Body(ring((n, 1), radii, turn=turn))
-        for n, radii, turn in ((26, (0.6, 1.0), 0.0), (34, (0.98, 1.4), 0.3))
-    ]
-    contact = qs.Contact(
-        on_radius(bodies[0], 1.0, 0.01), on_radius(bodies[1], 0.98, 0.01), sliding="finite",
-        formulation=formulation, friction=qs.Coulomb(0.1), enforcement="penalty", penalty=2000.0,
-    )  # fmt: skip
-    held = []
-    for body, radius in zip(bodies, (0.6, 1.4), strict=True):
-        far = body.boundary(lambda x, r=radius: np.abs(np.hypot(x[0], x[1]) / r - 1) < 0.01)
-        held.append(fem.Function(body.V))
-        body.bcs[:] = [fem.dirichletbc(held[-1], fem.locate_dofs_topological(body.V, 1, far))]
-    problem, angle = problem_of(bodies, [contact]), 0.6
-    for step in range(3):
-        held[0].interpolate(lambda x, a=angle * step: (rotation(a) - np.eye(2)) @ x[:2])
-        bodies[0].u.interpolate(held[0])
-        problem.solve()
-    torque = abs(contact.moment("slave", [0.0, 0.0])[0])
-    assert contact.step_dissipation() == pytest.approx(torque * angle, rel=0.02)

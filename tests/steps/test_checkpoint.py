@@ -225,16 +225,12 @@ def test_restart(folder):
     for _ in range(2):
         whole.stepper.step()
     qs.save_run(whole.stepper, folder, {"strain": whole.strain})
-    known = {name: [x.copy() for x in getattr(whole.stepper, name)] for name in ("rates", "missed")}
     for _ in range(2):
         whole.stepper.step()
 
     again = Run()
     qs.load_run(again.stepper, folder, {"strain": again.strain})
     assert again.stepper.num_steps == 2
-    for name, values in known.items():
-        for a, b in zip(getattr(again.stepper, name), values, strict=True):
-            assert largest(a - b) == 0 < largest(b)
     for _ in range(2):
         again.stepper.step()
     for f, g in zip((*whole.u, whole.strain), (*again.u, again.strain), strict=True):

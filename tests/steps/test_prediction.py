@@ -146,25 +146,6 @@ def test_a_failed_attempt_predicts_anew():
         assert largest(start - (1 + factor) * end) < 1e-14
 
 
-def test_rates_after_a_failed_attempt():
-    """The rates are the motion over the Δt of the step, not over the planned one."""
-
-    def solve(step):
-        attempts.append(step)
-        case.problem.solve()
-        if len(attempts) in (1, 3):
-            refuse()
-
-    attempts = []
-    case = Pressed(0.2, solve)
-    for _ in range(2):
-        before = case.u.x.array.copy()
-        planned, dt = case.stepper.dt, case.stepper.step()
-        assert dt == planned / 2
-        assert largest(case.stepper.rates[0] - (case.u.x.array - before) / dt) < 1e-14
-        case.stepper.dt = 0.2
-
-
 @pytest.mark.parametrize("theta", (0.0, 0.3, 0.5))
 def test_meshes_are_moved_by_the_last_velocity(theta):
     """The mesh is moved to x + θ Δt v; the last velocity v is also the initial guess."""
