@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
-from qsdolfinx.contact import multipliers, overclosed
+from qsdolfinx.contact import overclosed
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.following import NoGapError
 from qsdolfinx.solve.first_guess import guess
@@ -78,15 +78,14 @@ class AtOnce:
     def solve(self, stiffness: float | None = None) -> bool:
         """Solve from the system's unknowns; returns whether a solution was found. Collective.
 
-        Without a solution, everything is as before, except force-controlled tools.
+        Without a solution, unknowns, multipliers and tools are those of the last iterate; the
+        problem restores them.
 
         Args:
             stiffness: Stiffness of springs that vanish with the residual, as for :class:`Balance`.
         """
         newton, system = self._newton, self._system
-        known = [multipliers.known(contact) for contact in system.contacts]
-        vertices = [gap.state.vertices for gap in system.gaps]
-        equations, before = Equations(system), system.x.array.copy()
+        equations = Equations(system)
         loop = OneNewton(equations, newton, self._again, stiffness)
         try:
             with system.watch.stage("solve"):
@@ -120,10 +119,6 @@ class AtOnce:
             self._again = True
         except (NoConvergence, NoGapError) as error:
             self._note_failure(error, loop)
-            for contact, values in zip(system.contacts, known, strict=True):
-                multipliers.set_known(contact, values)
-            self._set_vertices(vertices)
-            system.x.array[:] = before
             self._again = False
             return False
         finally:

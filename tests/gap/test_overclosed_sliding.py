@@ -256,3 +256,17 @@ def test_uneven_depths_where_bodies_follow(is_slave):
         problem.solve()
         assert problem.num_iterations <= 15
     assert abs(contact.force("slave")[1]) > 0.5
+
+
+@pytest.mark.parallel
+def test_depths_of_other_ranks():
+    """Whether the overclosure is even, and its least depth, are the same on all ranks."""
+    msh = box(WORLD, (2, 8), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "forward")
+    side, x = plane(msh, 0, 0.0), msh.geometry.x
+    x[:, 0] -= np.where(x[:, 1] > 0.55, 0.04, 0.02) * (1 - x[:, 0])
+    wall = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [1.0, 0.0])
+    options = {"quadrature": "nodal", "initial_overclosure": "ignore", "search_radius": 0.2}
+    contact = qs.Contact(qs.Surface(vector_space(msh), facets=side), wall, penalty=1.0, **options)
+    overclosure = contact.model.overclosure
+    assert WORLD.allgather(overclosure.is_even) == [False] * WORLD.size
+    np.testing.assert_allclose(WORLD.allgather(overclosure.least), 0.02, atol=1e-12)

@@ -59,6 +59,11 @@ def hole_and_island(occ):
     occ.addRectangle(1.3, 1.3, 0, 0.4, 0.4)
 
 
+def island_with_a_hole(occ):
+    occ.cut([(2, occ.addRectangle(0, 0, 0, 6, 6))], [(2, occ.addRectangle(1, 1, 0, 4, 4))])
+    occ.cut([(2, occ.addRectangle(1.5, 1.5, 0, 3, 3))], [(2, occ.addRectangle(2.5, 2.5, 0, 1, 1))])
+
+
 def part_with_a_hole(occ):
     occ.addRectangle(0, 0, 0, 3, 3)
     occ.cut([(2, occ.addRectangle(4, 0, 0, 2, 2))], [(2, occ.addDisk(5, 1, 0, 0.4, 0.4))])
@@ -72,6 +77,7 @@ def part_with_a_hole(occ):
         (3, void_beside_a_part, 0.3),
         (2, two_rectangles, 0.4),
         (2, hole_and_island, 0.3),
+        (2, island_with_a_hole, 0.5),
         (2, part_with_a_hole, 0.3),
     ],
 )

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from forming_bodies import quarter_cylinder
 from remeshing_scenes import bump, tagged
-from scenes import WORLD, plane, vector_space
+from scenes import WORLD, Pair, drag_top, gathered, plane, vector_space
 
 from dolfinx import mesh
 
 import qsdolfinx as qs
+from qsdolfinx.remeshing.contact_values import ContactValues
 from qsdolfinx.remeshing.surface_values import SurfaceValues
 
 pytest.importorskip("gmsh")
@@ -65,3 +66,28 @@ def test_curved_surface():
     found = SurfaceValues.of(old, values).on(new)
     assert np.allclose(total(new, found), kept, rtol=3e-3)
     assert np.allclose(found[:, 0], np.exp(-new.node_x[:, 0] / 5), atol=0.15)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("constraints", ("nodes", "points"))
+def test_multipliers_do_not_depend_on_the_partition(constraints):
+    """Multipliers are scaled to the forces of all ranks, not to those of each rank."""
+    options = {"quadrature": "overlay", "enforcement": "augmented-lagrangian"}
+    options["constraints"] = constraints
+    kept, found = None, []
+    for n, partition in ((12, "scattered"), (17, "scattered"), (17, "backward")):
+        partitions = "forward", partition
+        pair = Pair("triangle", n=(5, n), partitions=partitions, contact_options=options)
+        drag_top(pair, 0.2)
+        model, problem = pair.contact.model, pair.problem()
+        if kept is None:
+            problem.solve()
+            kept = ContactValues.of(model)
+            continue
+        problem.set_up()
+        kept.hand_over(model)
+        values = model.parts[0].augmented_on_nodes()
+        x, values = (gathered(WORLD, of) for of in (pair.slave.node_x, values))
+        found.append(values[np.argsort(x[:, 0])])
+    assert np.abs(found[0]).max() > 0.01
+    np.testing.assert_allclose(found[1], found[0], atol=1e-12)

@@ -69,8 +69,13 @@ def test_derivative(cell, swapped, friction):
     Facets opposite are curved between the normals at their nodes, which all facets there rotate.
     """
     scene = OnCorner(cell, 0.02, swapped, friction=friction)
-    scene.problem.set_up()
-    equations = Equations(scene.problem.system)
+    assert error_at_vertices(scene.problem) < 5e-6
+
+
+def error_at_vertices(problem):
+    """Error of the derivative of forces and of vertex constraints, with one active vertex."""
+    problem.set_up()
+    equations = Equations(problem.system)
     z, scale = away(equations, size=0.002)
     for i, body in enumerate(equations.system.bodies):
         equations.part(z, i)[body.owned_constrained] = 0.0
@@ -81,13 +86,26 @@ def test_derivative(cell, swapped, friction):
     at = equations.evaluate(z)
     closed = [WORLD.allreduce(np.count_nonzero(p.normal.active)) for p in at.passes]
     assert closed[0] == 0 and sum(closed) == 1
-    passes = range(len(scene.bodies) + 1, len(scene.bodies) + len(equations.passes))
+    first = len(equations.system.bodies) + 1
+    passes = range(first, first - 1 + len(equations.passes))
 
     def of_vertices(values):
         rows = [equations.layout.part(values, i) for i in passes]
         return np.concatenate([equations.bodies_of(values), *rows])
 
-    assert errors(equations, z, scale, of=of_vertices) < 5e-6
+    return errors(equations, z, scale, of=of_vertices)
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+@pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))
+def test_derivative_below_a_tool(cell, friction):
+    """The same for the tip of a rigid tool: the facets opposite are those of the slave."""
+    body = Body(box(WORLD, (3, 3), cell, [-0.55, -1.0], [0.45, 0.0], "scattered"))
+    body.clamp(plane(body.mesh, 1, -1.0))
+    x = np.array([[-0.3, 0.4], [0.0, -0.02], [0.3, 0.4]])
+    tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]])
+    contact = qs.Contact(body.side(1, 0.0), tool, **FINITE, friction=friction)
+    assert error_at_vertices(problem_of([body], [contact])) < 5e-6
 
 
 @pytest.mark.parametrize("swapped", (False, True))

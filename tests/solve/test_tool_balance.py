@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from rigid_scenes import TOOLS, Pressed, flat
-from scenes import WORLD, clamp, largest, plane
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
 import ufl
+from dolfinx import fem
 
 import qsdolfinx as qs
 
@@ -183,3 +184,27 @@ def test_a_step_that_bodies_cannot_follow():
     easy.solve()
     np.testing.assert_allclose(scene.tool.displacement, other.tool.displacement, rtol=1e-6)
     assert largest(scene.u.x.array - other.u.x.array) < 1e-6
+
+
+@pytest.mark.parallel
+def test_a_tool_that_passes_to_a_pad_on_another_rank():
+    """When one pad is lowered, the tool rests on the other one alone, which another rank has."""
+    tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
+    forms, unknowns, contacts, conditions, bases = [], [], [], [], []
+    for left, height, partition in ((0.0, 1.0, "first"), (2.0, 0.95, "last")):
+        msh = box(WORLD, (2, 2), "quadrilateral", [left, 0.0], [left + 1, height], partition)
+        V = vector_space(msh)
+        unknowns.append(fem.Function(V))
+        forms.append(elastic(unknowns[-1]))
+        bases.append(fem.Constant(msh, (0.0, 0.0)))
+        base = fem.locate_dofs_topological(V, 1, plane(msh, 1, 0.0))
+        conditions.append([fem.dirichletbc(bases[-1], base, V)])
+        top = qs.Surface(V, facets=plane(msh, 1, height))
+        contacts.append(qs.Contact(top, tool, search_radius=0.5))
+    problem = qs.ContactProblem(forms, unknowns, contacts, conditions)
+    tool.drive(0.01, [0.0, -1.0])
+    for way, pressed in ((0.0, (1, 0)), (-0.2, (0, 1))):
+        bases[0].value = 0.0, way
+        problem.solve()
+        forces = [contact.force("master")[1] for contact in contacts]
+        np.testing.assert_allclose(forces, 0.01 * np.array(pressed), atol=1e-9)

@@ -5,11 +5,14 @@ import warnings
 import numpy as np
 import pytest
 from free_ring import FreeRing
+from rigid_scenes import Pressed, flat, flat_facets
 from scenes import WORLD, box, clamp, elastic, plane, raises_everywhere, vector_space
 
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.contact import terms
+from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 
 GAP, DEEP, SPEED = 0.5, 0.1, 0.6
 N = 4
@@ -198,3 +201,44 @@ def test_a_limit_below_what_counts_as_closed():
     with pytest.raises(qs.StepError, match="a penetration of"):
         stepper.step()
     assert contact.settings.allowed_gap > 1e-13
+
+
+@pytest.mark.parametrize("limit", ("auto", 0.13))
+def test_small_steps_add_up(limit):
+    """A depth that grows by little in each step is found as in a large step."""
+    scene = Pressed("quadrilateral", flat, n=4, penalty=1e-3, enforcement="penalty")
+
+    def drive(t, dt):
+        scene.tool.displacement = [0.0, -0.02]
+
+    stepper = qs.TimeStepper(scene.problem, 1.0, drive, dt_min=1.0, max_penetration=limit)
+    largest = 0.5 * scene.surface.facet_size_range[1] if limit == "auto" else limit
+    with pytest.raises(qs.StepError, match=f"penetration of .*max_penetration.* = {largest:.4g}"):
+        for _ in stepper.run(20.0):
+            assert scene.contact.penetration() <= largest
+    assert scene.contact.penetration() > largest - 0.021
+
+
+@pytest.mark.parametrize("tool", (flat, flat_facets))
+def test_motion_beside_a_tool(tool):
+    """A body that is carried by a tool, which rotates away from its origin, does not come closer.
+
+    Points that were outside are outside.
+    """
+    scene = Pressed("quadrilateral", tool, penalty=1.0, enforcement="penalty")
+    model, u, x = scene.contact.model, fem.Function(scene.V), scene.V.tabulate_dof_coordinates()
+    before = None
+    for motion in (((0.3, 1.5), 0.4), ((0.2, -0.1), 0.8)):
+        scene.tool.displacement, scene.tool.rotation = motion
+        position = np.array([*scene.tool.motion.A, scene.tool.motion.b])
+        moved = x[:, :2] + u.x.array.reshape(-1, 2)
+        u.x.array[:] += (moved @ position[:2].T + position[2]).ravel()
+        scene.tool.advance()
+        scene.u.x.array[:] = u.x.array
+        scene.contact.update()
+        scene.problem.set_up()
+        terms.evaluate(model, u.x.petsc_vec, None)
+        if before is not None:
+            assert motion_since(model, before) < 1e-12
+            assert deepest_crossing(model, before, 0.1, 1e-3) is None
+        before = model.placement

@@ -73,6 +73,17 @@ def test_3d(cell, sphere):
     assert found[0] < 0.05 * chord and found[1] < 1e-12
 
 
+def test_middle_of_bricks():
+    """Middles of cells are half way between those of their faces on a straight line."""
+    body = shell((4, 3, 2), cell="hexahedron")
+    msh = qs.elevate(qs.elevate(body.mesh, facets=body.outer), facets=body.inner)
+    x = msh.geometry.x[msh.geometry.dofmap]
+    faces, middle = x[:, 20:26], x[:, 26]
+    off = np.linalg.norm((faces[:, :3] + faces[:, :2:-1]) / 2 - middle[:, None], axis=2)
+    assert largest(np.sort(off, axis=1)[:, :2]) < 1e-12  # along the axis and the radius
+    assert largest(off) > 1e-3  # along the arc
+
+
 def half_ball(size):
     """Tetrahedra of half a ball of radius 1, and tags: 1 on the round face, 2 on the flat face."""
     gmsh = pytest.importorskip("gmsh")

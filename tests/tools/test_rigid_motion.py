@@ -83,6 +83,29 @@ def test_position():
     np.testing.assert_allclose(A @ [0.3, -0.2, 0.5], 0, atol=1e-15)  # the axis does not rotate
 
 
+def test_parts_of_a_motion():
+    """A motion made in two parts, about different axes, ends where the whole motion ends."""
+    ends = []
+    for part in (None, ([0.1, 0.4, -0.2], [0.3, 0.1, -0.4])):
+        tool = flat(WORLD, 3)
+        tool.displacement, tool.rotation = [1.0, 2.0, 3.0], [0.3, -0.2, 0.5]
+        if part is not None:
+            tool.go_ahead(*map(np.array, part))
+        tool.advance()
+        ends.append(tool.position)
+    np.testing.assert_allclose(*ends, atol=1e-14)
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_mirrored_tools_are_refused(gdim):
+    tool = flat(WORLD, gdim)
+    before = tool.position.copy()
+    mirror = np.column_stack([np.diag([-1.0] + [1.0] * (gdim - 1)), np.zeros(gdim)])
+    call = lambda: setattr(tool, "position", mirror)  # noqa: E731
+    raises_everywhere(WORLD, ValueError, "must be a rotation", call)
+    np.testing.assert_array_equal(tool.position, before)
+
+
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("quadrature, degree", (("nodal", 1), ("overlay", 1), ("overlay", 2)))
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))

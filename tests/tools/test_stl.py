@@ -171,6 +171,7 @@ def test_without_area(folder):
         for name, corners, dropped, opened in (
             ("needles", [*whole, point, needle], 2, False),
             ("flat", split, 1, True),
+            ("open", [*whole[:2], point], 1, False),  # edges that never had a neighbour
         ):
             file = folder / f"{name}{binary}.stl"
             if WORLD.rank == 0:
