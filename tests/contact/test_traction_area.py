@@ -126,14 +126,7 @@ def test_in_time_steps(name):
     assert scene.errors(area) < 1e-7
 
 
-@pytest.mark.parametrize(
-    "options",
-    (
-        {"sliding": "finite"},
-        {"constraints": "points"},
-        {"sliding": "finite", "constraints": "points"},
-    ),
-)
+@pytest.mark.parametrize("options", ({}, {"constraints": "nodes"}))
 @pytest.mark.parametrize("both", (False, True))
 def test_area_in_contact(both, options):
     """In time steps, the area is that of the body at their end, in ``step_row``, too."""
