@@ -1,4 +1,4 @@
-"""The demo of curved beams: symmetries, meshes, energy, friction, its parameters."""
+"""The demo of curved beams: symmetries, meshes, energy, friction, and its parameters."""
 
 import dataclasses
 import functools

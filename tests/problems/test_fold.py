@@ -1,4 +1,4 @@
-"""The fold demo: force, symmetry, balances, friction, its parameters."""
+"""The fold demo: force, symmetry, balances, friction, and its parameters."""
 
 import functools
 

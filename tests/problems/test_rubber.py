@@ -1,4 +1,4 @@
-"""The rubber demo: balance, rolling, parameters."""
+"""The rubber demo: balance, rolling, and parameters."""
 
 import functools
 

@@ -100,7 +100,7 @@ def test_warped_facets():
     ("cell", "degrees", "options"),
     [
         ("quadrilateral", 30.0, PENALTY),
-        ("quadrilateral", 90.0, {"repeat": 1}),
+        ("quadrilateral", 90.0, PENALTY),
         ("tetrahedron", 30.0, PENALTY),
         # Points move with the bodies; their part beyond that of the nodes rotates with their
         # normals, too.

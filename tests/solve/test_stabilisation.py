@@ -17,23 +17,15 @@ PAPERS = {"quadrature": "nodal", "enforcement": "penalty"}
 
 def squeezed(**options):
     """The ring after it has been squeezed and rolled."""
-    case = FreeRing((48, 3), 20.0, **options)
+    case = FreeRing((32, 2), 20.0, **options)
     case.step_to(2.0)
     return case
 
 
-@pytest.mark.parametrize(
-    "settings, constraints",
-    (
-        ({}, "nodes"),
-        ({"stiffness": 0.1}, "nodes"),
-        ({}, "points"),
-        ({"max_solves": 2, "decrease": 0.0}, "points"),
-    ),
-)
-def test_no_part_in_the_result(settings, constraints):
+@pytest.mark.parametrize("stiffness, constraints", ((None, "points"), (0.1, "nodes")))
+def test_no_part_in_the_result(stiffness, constraints):
     """The ring is in equilibrium without the springs; plate forces are as without stabilisation."""
-    settings = qs.Stabilisation(**settings)
+    settings = qs.Stabilisation(stiffness)
     case = squeezed(stabilisation=settings, constraints=constraints)
     plain = squeezed(constraints=constraints)
     assert case.problem.stabilisation_shares[-1] == 0.0

@@ -1,5 +1,7 @@
 """PETSc's SNES with the user's options: types, line searches, convergence tests and monitors."""
 
+import functools
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -43,6 +45,12 @@ class Dragged:
         return [u.x.array.copy() for u in self.problem.u], self.pair.contact.force("slave")
 
 
+@functools.cache
+def by_default(solver="direct"):
+    """Results with the default options."""
+    return Dragged(solver=solver).solve()
+
+
 @pytest.mark.parametrize(
     "solver, options",
     (
@@ -63,7 +71,7 @@ class Dragged:
 )
 def test_same_results(solver, options):
     """Results are the same as with the default solver."""
-    u, force = Dragged(solver=solver).solve()
+    u, force = by_default(solver)
     dragged = Dragged(options, solver)
     v, other = dragged.solve()
     for a, b in zip(u, v, strict=True):
@@ -141,7 +149,7 @@ def test_a_failure_is_final():
 @pytest.mark.parametrize("first", (0, 2))
 def test_a_singular_matrix(first, monkeypatch):
     """A singular matrix gives a ConvergenceError, not a PETSc error; the next solve works."""
-    expected = Dragged().solve()[1]
+    expected = by_default()[1]
     dragged, calls, solve = Dragged({"snes_linesearch_type": "bt"}), [], SaddleFactors.solve
 
     def singular(self, rhs):
@@ -158,7 +166,7 @@ def test_a_singular_matrix(first, monkeypatch):
 
 def test_errors_of_forms(monkeypatch):
     """An exception in a callback is raised unchanged, and the next solve finds the solution."""
-    expected = Dragged().solve()[1]
+    expected = by_default()[1]
     dragged = Dragged({"snes_linesearch_type": "bt"})
     body, calls = dragged.problem.bodies[0], []
     residual = body.residual
