@@ -53,7 +53,6 @@ SLOW = (
     "sliding/test_finite_steps.py::test_bodies_in_velocities[True]",
     "solve/test_lost.py::test_ring_between_blocks_stays",
     "solve/test_press_again.py::test_billet[augmented-lagrangian-0.2",
-    "solve/test_stabilisation.py::test_no_part_in_the_result[settings3",
     "steps/test_friction_restart.py::test_goes_on_as_if_uninterrupted[corner",
     "test_plasticity.py::test_energy[3D]",
     "test_plasticity.py::test_from_the_deformed_mesh[3D]",

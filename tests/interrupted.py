@@ -121,15 +121,11 @@ class Steps(Scene):
 
 SCENES = {
     "linear": Blocks,
-    "linear, amg": lambda: Blocks(solver="amg", enforcement="augmented-lagrangian"),
-    "augmented": lambda: Blocks(enforcement="augmented-lagrangian"),
+    "linear, amg": lambda: Blocks(solver="amg"),
+    "penalty": lambda: Blocks(enforcement="penalty"),
     "friction": lambda: Blocks(friction=qs.Coulomb(0.3)),
-    "friction, augmented, amg": lambda: Blocks(
-        friction=qs.Coulomb(0.3), solver="amg", enforcement="augmented-lagrangian"
-    ),
+    "friction, amg": lambda: Blocks(friction=qs.Coulomb(0.3), solver="amg"),
     "neo-Hookean": Tool,
-    "neo-Hookean, augmented": lambda: Tool(enforcement="augmented-lagrangian"),
-    "neo-Hookean, follows": lambda: Tool(sliding="finite"),
     "driven": lambda: Tool(force=True),
     "steps": Steps,
     "steps, paired twice": lambda: Steps(num_pairings=2),

@@ -20,13 +20,15 @@ WORLD = MPI.COMM_WORLD
 
 
 def allowed(formulations, options):
-    """Return the pairs of a formulation and a key of the options that may be combined."""
-    return [
-        (formulation, key)
-        for formulation in formulations
-        for key, chosen in options.items()
-        if formulation != "double-pass" or "enforcement" not in chosen
-    ]
+    """Return pairs of a formulation and a key of the options, in which each of both occurs."""
+    formulations, out = list(formulations), []
+    for key, chosen in options.items():
+        with_multipliers = "enforcement" in chosen
+        formulation = next(f for f in formulations if f != "double-pass" or not with_multipliers)
+        formulations.remove(formulation)
+        formulations.append(formulation)
+        out.append((formulation, key))
+    return out
 
 
 def dealt(ranks_of):

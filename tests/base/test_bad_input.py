@@ -117,18 +117,6 @@ def test_conditions_of_one_rank_alone():
         raises_everywhere(WORLD, ValueError, "bcs: must be the same", pair.problem)
 
 
-def test_fields_before_the_first_solve():
-    """Before the first solve, forces are zero for writers and direct calls; nodes are open."""
-    pair = Pair("triangle", penalty="auto")
-    sources = pair.contact.field_sources("slave")
-    assert not any(sources[name]().x.array.any() for name in ("traction", "pressure"))
-    assert np.all(pair.slave.node_values(sources["status"]()) == 1)
-    assert not pair.contact.traction("slave").x.array.any()
-    assert not pair.contact.force("slave").any()
-    pair.problem().set_up()
-    assert all(np.isfinite(source().x.array).all() for source in sources.values())
-
-
 def test_named_after_what_causes_it():
     """Errors name the argument that causes them, on all ranks.
 

@@ -129,18 +129,6 @@ def test_callbacks_on_one_rank(place):
     assert case.stepper.num_steps == 2 and case.stepper.num_cutbacks == 0
 
 
-def test_own_exceptions_keep_their_type():
-    """Exceptions of the user keep their type on ranks that raise them."""
-
-    class Stop(Exception):
-        pass
-
-    def drive(t, dt):
-        raise Stop("enough")
-
-    raises_everywhere(WORLD, Stop, "enough", Upset(drive=drive).stepper.step)
-
-
 class Broken(qs.Unilateral):
     """A contact law that fails on one rank, during Newton's method."""
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from overlapping_corners import Corners
 
-OVERLAY = {"quadrature": "overlay", "penalty": 50.0}  # automatic ones depend on named facets
+PENALTY = {"enforcement": "penalty", "penalty": 50.0}  # automatic ones depend on named facets
 VARIANTS = {
-    "nodal": {"penalty": 300.0},
-    "overlay": OVERLAY,
-    "points": OVERLAY | {"constraints": "points"},
-    "augmented": OVERLAY | {"enforcement": "augmented-lagrangian"},
+    "nodal": {"quadrature": "nodal", "enforcement": "penalty", "penalty": 300.0},
+    "nodes": PENALTY | {"constraints": "nodes"},
+    "points": PENALTY,
+    "augmented": {"penalty": 50.0},
 }
 
 

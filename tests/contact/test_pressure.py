@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from following import Boxes, Nested, rotation
+from following import Nested, rotation
 
 from dolfinx import fem
 
@@ -53,12 +53,3 @@ def test_traction_of_degree_2_at_nodes():
     normal = scene.slave.node_normal[:, :2]
     assert np.all(np.sum(t * normal, axis=1) < 0)
     assert len(repr(scene.contact.pairing)) < 100
-
-
-def test_tool_has_none():
-    scene = Boxes("quadrilateral")
-    plane = qs.RigidSurface.plane(scene.bodies[0].mesh.comm, [0.0, 1.0], [0.0, -1.0])
-    surface = scene.bodies[0].side(1, 0.0)
-    contact = qs.Contact(surface, plane, search_radius=2.0)
-    with pytest.raises(ValueError, match="side: a rigid tool has no traction"):
-        contact.pressure("master")

@@ -75,13 +75,12 @@ def same(found, before):
 
 
 OPTIONS = {
-    "augmented": {},
+    "nodes": {"constraints": "nodes"},
+    "points": {},
     "penalty": {"enforcement": "penalty", "penalty": 1e6},
     "nodal": {"quadrature": "nodal", "constraints": "nodes"},
-    "points": {"constraints": "points"},
     "friction": {"friction": qs.Coulomb(0.2)},
     "finite": {"sliding": "finite", "friction": qs.Coulomb(0.2)},
-    "finite points": {"sliding": "finite", "constraints": "points", "friction": qs.Coulomb(0.2)},
 }
 
 
@@ -155,7 +154,7 @@ def test_after_a_solve_that_fails():
         assert scene.contact.force("slave")[1] == pytest.approx(-2 * E * DEPTH)
 
 
-@pytest.mark.parametrize("name", ("augmented", "penalty", "friction", "finite", "finite points"))
+@pytest.mark.parametrize("name", ("points", "penalty", "friction", "finite"))
 def test_before_the_first_solve(name):
     """Before the first solve forces are zero, with or without a penalty; gaps are geometric."""
     scene = Press(**OPTIONS[name])

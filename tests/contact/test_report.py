@@ -67,7 +67,10 @@ def test_what_is_missed():
 
 @pytest.mark.filterwarnings("ignore:quadrature")
 def test_unloaded_nodes():
-    """Unloaded are nodes of a finer master without a slave node nearby; none on the overlay."""
+    """Unloaded, or unpaired, are nodes of a finer master without a slave node nearby.
+
+    On the overlay there are none.
+    """
     for formulation, quadrature, n, expected in (
         ("master-slave", "nodal", (12, 4), 8),
         ("master-slave", "nodal", (4, 12), 0),
@@ -81,7 +84,11 @@ def test_unloaded_nodes():
         report = report_of(pair)
         force = np.linalg.norm(pair.master.node_values(pair.contact.traction("master")), axis=1)
         bare = WORLD.allreduce(int(np.count_nonzero(force < 1e-12)))
-        assert report.unloaded == expected == bare
+        status = pair.contact.status("master")
+        owned = status.function_space.dofmap.index_map.size_local
+        on_surface = np.isclose(status.function_space.tabulate_dof_coordinates()[:owned, 1], 0.0)
+        unpaired = np.count_nonzero(status.x.array[:owned][on_surface] == qs.Status.UNPAIRED)
+        assert report.unloaded == expected == bare == WORLD.allreduce(unpaired)
         assert ("swap" in str(report)) == (expected > 0)
 
 
@@ -255,6 +262,7 @@ def test_warnings_are_seen(monkeypatch, capfd, category):
     said = capfd.readouterr().err
     assert said.count(f"{category.__name__}: what to do") == (WORLD.rank == 0)
     assert "another" not in said
+    assert issubclass(category, qs.ContactWarning) and issubclass(category, UserWarning)
 
 
 def test_progress(monkeypatch, capfd):

@@ -82,22 +82,6 @@ def test_active_is_where_force_is(cell, quadrature, formulation):
     assert np.all(seen[:, [qs.Status.OPEN, qs.Status.ACTIVE]] > 0), seen
 
 
-@pytest.mark.filterwarnings("ignore:quadrature")
-def test_unreached_nodes():
-    """Nodes of a finer master, with nodal quadrature, are unpaired without a point nearby."""
-    for formulation, quadrature, expected in (
-        ("master-slave", "nodal", 8),
-        ("quasi-symmetric", "nodal", 0),
-        ("master-slave", "overlay", 0),
-    ):
-        options = {"contact_options": {"quadrature": quadrature}}
-        pair = Pair("triangle", formulation, n=(12, 4), **options)
-        pair.problem().solve()
-        status = at_nodes(pair.master, pair.contact.status("master"))
-        count = WORLD.allreduce(np.count_nonzero(status == qs.Status.UNPAIRED))
-        assert count == expected, (formulation, quadrature)
-
-
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 def test_gap_of_the_master(formulation):
     """A gap that is linear along the surface: its value at each master node away from the rim."""
@@ -179,7 +163,8 @@ def test_rigid_tool():
     pair = Pair("triangle")
     tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     contact = qs.Contact(pair.slave, tool, penalty=10.0)
-    for call in (contact.status, contact.gap_function, contact.fields):
+    results = contact.status, contact.gap_function, contact.fields, contact.pressure
+    for call in results:
         raises_everywhere(WORLD, ValueError, "side: ", lambda c=call: c("master"))
     raises_everywhere(WORLD, ValueError, "side: ", lambda: contact.status("both"))
     status = at_nodes(pair.slave, contact.status())

@@ -14,9 +14,7 @@ from scenes import (
     WORLD,
     Pair,
     box,
-    clamp,
     gathered,
-    plane,
     raises_everywhere,
     vector_space,
 )
@@ -218,17 +216,6 @@ def test_measuring_changes_nothing(friction):
     assert WORLD.allreduce(as_they_are, op=MPI.LOR)
 
 
-def test_a_failed_solve_shows_what_was_before():
-    pair = Pair("triangle", n=(6, 4), wave=0.05, load=-0.005)
-    pair.problem().solve()
-    before = pair.contact.gap(), pair.contact.penetration()
-    pair.bcs[1][:] = [clamp(pair.V[1], plane(pair.meshes[1], 1, 1.0), [0.02, -0.1])]
-    failing = pair.problem(petsc_options={"snes_max_it": 1})
-    raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", failing.solve)
-    np.testing.assert_allclose(pair.contact.gap(), before[0], atol=1e-12)
-    np.testing.assert_allclose(pair.contact.penetration(), before[1], atol=1e-12)
-
-
 def test_facets_without_area_are_refused():
     """Facets without area are refused on all ranks, and the report tells about them."""
     pair = Pair("triangle", n=(4, 3))
@@ -289,15 +276,6 @@ def test_slanted_block(gdim, n, tool):
     ]
     assert min(distances) > size
     assert 'constraints="points"' in report.advice and report.advice in str(report)
-
-
-@pytest.mark.parametrize("gdim, n", ((2, 8), (3, 4)))
-@pytest.mark.parametrize("tool", ("plane", "facets"))
-def test_points_leave_no_depth(gdim, n, tool):
-    contact, depth = slanted_block(gdim, n, tool, constraints="points", **AUGMENTED)
-    assert depth < 1e-4 and contact.penetration() < 1e-4
-    np.testing.assert_allclose(contact.penetration(), depth, atol=1e-9)
-    assert contact.report().advice == ""
 
 
 def test_initial_overclosure_that_stays():

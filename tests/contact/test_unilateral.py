@@ -111,29 +111,6 @@ def test_curved_punch(formulation, penalty, load, gap):
     assert penetration < 1e3 / penalty
 
 
-def test_bodies_apart_do_not_feel_each_other():
-    pair = Pair("triangle", load=0.05)
-    problem = pair.problem()
-    problem.solve()
-    active = WORLD.allreduce(active_set.num_closed(pair.contact.model))
-    force, energy = pair.contact.force("slave"), pair.contact.stored_energy()
-    assert active == 0 and energy == 0
-    np.testing.assert_array_equal(force, 0)
-
-
-def test_solving_again_changes_nothing():
-    pair = Pair("tetrahedron", wave=0.03)
-    problem = pair.problem()
-    problem.solve()
-    first = [u.x.array.copy() for u in pair.u]
-    problem.solve()
-    iterations = problem.snes.getIterationNumber()
-    change = max(np.abs(u.x.array - f).max(initial=0) for u, f in zip(pair.u, first, strict=True))
-    change = WORLD.allreduce(change, op=MPI.MAX)
-    assert iterations <= 1
-    assert change < 1e-12
-
-
 def test_loading_and_unloading():
     """The load path does not matter: contact without friction has no memory."""
     options = {"contact_options": {"enforcement": "penalty"}}
@@ -147,16 +124,3 @@ def test_loading_and_unloading():
         energies.append(pair.contact.stored_energy())
     assert energies[0] > 0 and energies[3] == 0
     assert np.isclose(energies[0], energies[4], rtol=1e-9)
-
-
-def test_tied_contact_pulls():
-    """Tied contact transmits tension, and the initial gap remains."""
-    pair = Pair("hexahedron", law=qs.Tied(), load=0.1, gap=0.05, penalty=1e4)
-    problem = pair.problem()
-    problem.solve()
-    iterations = problem.snes.getIterationNumber()
-    force = pair.contact.force("slave")
-    jump = WORLD.allreduce(np.abs(pair.contact.weighted_gap()).max(initial=0), op=MPI.MAX)
-    assert iterations <= 2
-    assert force[2] < -0.01
-    assert jump < 1e-4

@@ -195,21 +195,6 @@ def test_friction():
     np.testing.assert_allclose(work, force[0] * 2 * depth, rtol=1e-9)
 
 
-def test_large_strains():
-    """A soft square pressed at once by a fifth of a cell: γ's path ends where active sets recur."""
-    body = Standing("square", "quadrilateral")
-    P = qs.materials.neo_hookean(body.u, 400.0, 600.0)
-    F = ufl.inner(P, ufl.grad(ufl.TestFunction(body.V))) * ufl.dx
-    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
-    contact = qs.Contact(body.surface(), tool, **POINTS)
-    problem = qs.ContactProblem([F], [body.u], [contact], [body.bcs])
-    tool.displacement = [0.0, 0.03]
-    problem.solve()
-    assert problem.num_iterations <= 15
-    assert contact.penetration() < 1e-9
-    assert contact.force("slave")[1] > 0
-
-
 @pytest.mark.parametrize("swapped", (False, True))
 def test_heat(swapped):
     """Insulated bodies keep the frictional heat of a corner, whichever body has the corner."""

@@ -1,6 +1,5 @@
 """Warnings at the first contact detection: once, on all ranks, and none without a cause."""
 
-import logging
 import re
 import warnings
 
@@ -67,11 +66,6 @@ def test_nothing_to_warn_of(quadrature, formulation, law):
     # touching waves share their curvature, and a tie keeps the gaps between their chords
     found = [text for text in warned(scenes) if law is qs.Tied or not text.startswith("facets: ")]
     assert found == []
-
-
-def test_category():
-    assert issubclass(qs.ReachWarning, qs.ContactWarning)
-    assert issubclass(qs.ContactWarning, UserWarning)
 
 
 # --- Finer master
@@ -477,20 +471,6 @@ def test_not_in_a_loop():
     assert warned(run) == []
 
 
-def test_shown_in_spite_of_ffcx(monkeypatch, capfd):
-    """FFCx redirects warnings to logging without a handler: rank 0 prints those of this library."""
-    monkeypatch.setattr(logging.getLogger(), "handlers", [])
-    with warnings.catch_warnings():
-        warnings.simplefilter("always")
-        for captured in (False, True):  # in this order, whatever was set before
-            logging.captureWarnings(captured)
-        warnings.warn("of another library", UserWarning, stacklevel=1)
-        Pair("triangle", n=(9, 3), contact_options={"quadrature": "nodal"})
-    said = capfd.readouterr().err
-    assert (said.count("ContactWarning: quadrature: ") == 1) == (WORLD.rank == 0)
-    assert "of another library" not in said
-
-
 def on_its_corner(n, degree=1, **options):
     """Make a square on its corner above a floor; return the problem and the floor."""
     msh = box(WORLD, [n, n], "quadrilateral", [0.0, 0.0], [1.0, 1.0])
@@ -512,21 +492,16 @@ def corners(texts):
 
 
 @pytest.mark.parametrize("degree", (1, 2))
-@pytest.mark.parametrize("depth, found", ((0.005, False), (0.02, True), (0.15, True)))
+@pytest.mark.parametrize("depth, found", ((0.005, False), (0.02, True), (0.15, True), (0.5, True)))
 def test_a_corner_that_sinks(depth, found, degree):
-    """Under a corner mean gaps stay open, without force, up to a depth of .23 facets."""
+    """Under a corner mean gaps stay open, without force, up to a depth of .23 facets.
+
+    At a larger depth there is some force, but too little.
+    """
     problem, floor = on_its_corner(8, degree)
     floor.displacement = [0.0, depth / 8]
     assert corners(warned(problem.solve)) == [True] * found
-
-
-@pytest.mark.parametrize("degree", (1, 2))
-def test_a_corner_that_sinks_by_much(degree):
-    """At a larger depth there is some force, but too little."""
-    problem, floor = on_its_corner(8, degree)
-    floor.displacement = [0.0, 0.5 / 8]
-    assert corners(warned(problem.solve)) == [True]
-    assert problem.contacts[0].force("slave")[1] > 0
+    assert (problem.contacts[0].force("slave")[1] > 0) == (depth > 0.23)
 
 
 @pytest.mark.parametrize("degree", (1, 2))

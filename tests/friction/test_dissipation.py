@@ -276,13 +276,3 @@ def test_means_over_a_step():
     np.testing.assert_allclose(whole[1], 0.3 * 2.0 * 0.2, rtol=1e-6)
     part = evaluated(friction, 0.0, 2.0, slip=0.2, before=0.6, means=True)
     np.testing.assert_allclose(slip_and_energy(friction, part)[1], 0.3 * 2 * 0.8, rtol=1e-6)
-
-
-def test_nothing_before_the_first_solve():
-    """Before the first evaluation there is no energy and no slip."""
-    msh = box(WORLD, (2, 2), "quadrilateral", [0.0, -1.0], [1.0, 0.0])
-    V = vector_space(msh)
-    tool = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, -1.0])
-    surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
-    contact = qs.Contact(surface, tool, friction=qs.Coulomb(0.2), search_radius=0.1)
-    assert contact.step_dissipation() == contact.dissipated_energy() == 0

@@ -91,7 +91,7 @@ class Landing:
         if case[0] == "coulomb" or (case[1], case[2]) in (("displacement", "tool"),)
     ]
     + [(law, "velocity", "body", AUGMENTED) for law in ("tresca", "norton", "sticking")]
-    + [("coulomb", "displacement", master, {"sliding": "finite"}) for master in ("tool", "body")],
+    + [("coulomb", "displacement", "body", {"sliding": "finite"})],
 )
 @pytest.mark.parametrize("stepper", (False, True))
 def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):
@@ -102,7 +102,7 @@ def test_steps_in_which_bodies_meet(law, kind, master, options, stepper):
     """
     if kind == "velocity" and not stepper:
         pytest.skip("the mesh has to move")
-    many = Landing(law, kind, master, **options).run(60, stepper)
+    many = Landing(law, kind, master, **options).run(30, stepper)
     compared = slice(None) if kind == "displacement" else slice(1)
     for steps in (1, 3):
         few = Landing(law, kind, master, **options).run(steps, stepper)
@@ -132,7 +132,7 @@ def test_coulomb_takes_half():
 def test_other_formulations(formulation, constraints):
     """One step agrees with many for each formulation, and with constraints at points."""
     options = {"formulation": formulation, "constraints": constraints, "penalty": 500.0}
-    one, many = (Landing("coulomb", master="body", **options).run(n, False) for n in (1, 60))
+    one, many = (Landing("coulomb", master="body", **options).run(n, False) for n in (1, 30))
     np.testing.assert_allclose(one, many, rtol=0.1)
 
 

@@ -37,10 +37,11 @@ LAWS = {
     "sticking": lambda: qs.Sticking(),
 }
 OPTIONS = {
-    "nodal": {},
-    "overlay": {"quadrature": "overlay"},
+    "nodal": {"quadrature": "nodal"},
+    "overlay": {"quadrature": "overlay", "constraints": "nodes"},
     "augmented": {
         "quadrature": "overlay",
+        "constraints": "nodes",
         "enforcement": "augmented-lagrangian",
         "gap_tolerance": 0.02,
     },

@@ -15,8 +15,8 @@ import qsdolfinx as qs
 
 MU, PRESS = 0.3, 0.02
 SAMPLINGS = {
-    "nodal": {"formulation": "master-slave"},
-    "overlay": {"quadrature": "overlay"},
+    "nodal": {"quadrature": "nodal", "formulation": "master-slave"},
+    "overlay": {"quadrature": "overlay", "constraints": "nodes"},
     "points": {"quadrature": "overlay", "constraints": "points"},
 }
 AUGMENTED = {"enforcement": "augmented-lagrangian"}

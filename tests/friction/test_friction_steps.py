@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
-from step_scenes import Upset, refuse, same
+from step_scenes import Upset, refuse
 
 from dolfinx import fem
 
@@ -42,24 +42,6 @@ def test_failed_attempts_leave_no_trace(friction):
         assert cutbacks == fail
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9, atol=1e-12)
     assert np.all(found[0][-2:] > 0)
-
-
-def test_step_that_cannot_be_made():
-    """A failed step also restores the tangential multipliers."""
-
-    def solve(step):
-        case.problem.solve()
-        if step == 1:
-            refuse(1.0)
-
-    case = Upset(dt=0.05, solve=solve, contact={"friction": qs.Coulomb(0.2)}, dt_min=0.02)
-    case.stepper.step()
-    before, energy = case.state(), history(case)[-2:]
-    with pytest.raises(qs.StepError):
-        case.stepper.step()
-    assert same(before, case.state())
-    after = history(case)[-2:]
-    np.testing.assert_array_equal(after, energy)
 
 
 def sliding(num_pairings, deformable, drag=DRAG, steps=3, constraints="nodes"):

@@ -11,7 +11,7 @@ import qsdolfinx as qs
 H, DT = 0.01, 0.5
 SAMPLINGS = {
     "nodal": {"quadrature": "nodal"},
-    "overlay": {"quadrature": "overlay"},
+    "overlay": {"quadrature": "overlay", "constraints": "nodes"},
     "points": {"quadrature": "overlay", "constraints": "points"},
 }
 pytestmark = pytest.mark.filterwarnings("ignore:quadrature")  # the master is finer

@@ -25,6 +25,8 @@ KINDS = {
     "named P2": {"degrees": (1, 2), "smoothing": "named"},
 }
 LAGRANGE = {"enforcement": "augmented-lagrangian"}
+#: Curvature from the angles between facets, see also test_smoothing.py.
+SHARED = {"smoothing": "shared-curvature"}
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 both_ways = pytest.mark.parametrize("swap", (False, True))
@@ -63,13 +65,16 @@ def test_shrink_fit(n, swap, kind):
 
 
 @pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
-@pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))
+@pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1", "shared"))
 def test_shrink_fit_3d(cell, kind):
-    scene = ShrinkFit(SHELLS, cell=cell, **KINDS[kind], **LAGRANGE)
+    """Lamé's pressure is found in 3D; with chords it is wrong by 70 %."""
+    scene = ShrinkFit(SHELLS, cell=cell, **KINDS.get(kind, SHARED), **LAGRANGE)
     scene.problem().solve()
+    within = (0.02, 0.03) if kind == "shared" else (0.012, 0.025)
     for side in ("slave", "master"):
         mean, scatter = scene.pressure(side)
-        assert abs(mean / exact_pressure() - 1) < 0.012 and scatter / exact_pressure() < 0.025
+        errors = abs(mean / exact_pressure() - 1), scatter / exact_pressure()
+        assert errors[0] < within[0] and errors[1] < within[1]
 
 
 @pytest.mark.parametrize(("cell", "n"), [("triangle", RINGS), ("quadrilateral", RINGS[::-1])])
@@ -131,7 +136,7 @@ class OnCylinder:
 @pytest.mark.parametrize("kind", ("shared", *KINDS))
 def test_ring_on_a_cylinder(n, kind):
     """Lamé's pressure is found; without smoothing it is wrong by 40 % and more."""
-    options = KINDS.get(kind, {"smoothing": "shared-curvature"})
+    options = KINDS.get(kind, SHARED)
     cell = "quadrilateral" if len(n) == 2 else "hexahedron"
     scene = OnCylinder(n, cell=cell, **options, **LAGRANGE)
     assert largest(scene.contact.pairing.gap / 0.01 + 1) < 5e-4
@@ -222,16 +227,17 @@ def test_rigid_fields(cell):
     vec.destroy()
 
 
-@pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P2", "named P1"))
+@pytest.mark.parametrize("kind", ("curved P2", "curved P1", "named P2", "named P1", "shared"))
 def test_paired_anew(kind):
     """After a contact update on the deformed meshes the gap is the one left by the solve."""
-    scene = ShrinkFit(RINGS, **KINDS[kind], **LAGRANGE)
+    scene = ShrinkFit(RINGS, **KINDS.get(kind, SHARED), **LAGRANGE)
     scene.problem().solve()
     for part in (scene.inner, scene.outer):
         motion = MeshMotion(part.u)
         motion.move(motion.values())
     scene.contact.update()
-    assert largest(scene.contact.pairing.gap) < 0.01 * 0.01
+    within = 0.02 if kind == "shared" else 0.01
+    assert largest(scene.contact.pairing.gap) < within * 0.01
 
 
 @pytest.mark.parametrize("kind", ("curved P1", "curved P2", "named P1"))

@@ -81,38 +81,6 @@ def test_by_itself(n, misfit, is_smooth):
     )
 
 
-def test_shrink_fit_of_triangles():
-    scene = ShrinkFit(RINGS, cell="triangle", enforcement="augmented-lagrangian", **SMOOTH)
-    scene.problem().solve()
-    for side in ("slave", "master"):
-        mean, scatter = scene.pressure(side)
-        assert abs(mean / exact_pressure() - 1) < 0.01 and scatter / exact_pressure() < 0.015
-
-
-@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
-def test_shrink_fit_3d(cell):
-    """Lamé's pressure is found in 3D; without smoothing it is wrong by 70 %."""
-    scene = ShrinkFit(SHELLS, cell=cell, **SMOOTH)
-    scene.problem().solve()
-    for side in ("slave", "master"):
-        mean, scatter = scene.pressure(side)
-        assert abs(mean / exact_pressure() - 1) < 0.02 and scatter / exact_pressure() < 0.03
-
-
-def test_paired_anew():
-    """After a contact update on the deformed meshes the gap is the one left by the solve."""
-    scene = ShrinkFit(RINGS, enforcement="augmented-lagrangian", **SMOOTH)
-    scene.problem().solve()
-    for part in (scene.inner, scene.outer):
-        u = part.u.x.array.reshape(-1, 2)
-        to = part.V.dofmap.list.reshape(-1)
-        moved = np.zeros((len(part.mesh.geometry.x), 2))
-        moved[part.mesh.geometry.dofmap.reshape(-1)] = u[to]
-        part.mesh.geometry.x[:, :2] += moved
-    scene.contact.update()
-    assert largest(scene.contact.pairing.gap) < 0.02 * 0.01
-
-
 def test_hertz_is_as_before():
     """Hertz contact does not change: equal cylinders share no curvature, a block shares half."""
     for case, change in (("cylinders", 0.05), ("block", 0.5)):

@@ -1,8 +1,7 @@
 """Inexact intermediate solves leave no errors, compared with exact solves by a direct solver.
 
-Linear solves are inexact while the active set changes. With friction, solves between multiplier
-updates are inexact, too. Bodies are pressed and dragged back and forth, or released and pressed
-again.
+Linear solves are only as accurate as a Newton iteration needs. Bodies are pressed and dragged back
+and forth, or released and pressed again.
 """
 
 import numpy as np

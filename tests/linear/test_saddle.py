@@ -15,8 +15,8 @@ AUGMENTED, PENALTY = "augmented-lagrangian", "penalty"
 
 #: Options of contacts: with finite sliding, or tied with conditions on both sides.
 KINDS = {
-    "frictionless": {"enforcement": AUGMENTED},
-    "friction": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3)},
+    "frictionless": {"enforcement": AUGMENTED, "constraints": "nodes"},
+    "friction": {"enforcement": AUGMENTED, "friction": qs.Coulomb(0.3), "constraints": "nodes"},
     "soft": {"enforcement": PENALTY, "friction": qs.Tresca(0.01), "constraints": "nodes"},
     "stiff": {"enforcement": PENALTY, "penalty": 1e4},
     "tied": {"enforcement": AUGMENTED, "law": qs.Tied()},

@@ -58,22 +58,3 @@ def test_one_iteration_from_any_multipliers(cell, quadrature):
             other.solve(load)
             for a, b in zip(found, other.results(), strict=True):
                 assert largest(a - b) < 1e-5 * largest(b)
-
-
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
-def test_multipliers_kept_when_paired_anew(quadrature):
-    """contact.update() keeps the multipliers: a new solve starts there, with the same forces."""
-    scene = Tied("triangle", quadrature, "amg")
-    scene.solve(LOADS[1])
-    before = scene.results()
-    first = scene.problem.residual_history[0]
-    scene.contact.update()
-    scene.solve(LOADS[1])
-    assert scene.problem.residual_history[0] < 1e-6 * first
-    for a, b in zip(scene.results(), before, strict=True):
-        assert largest(a - b) < 1e-6 * largest(b)
-    scene.contact.reset()
-    scene.solve(LOADS[1])
-    assert scene.problem.residual_history[0] > 1e-3 * first
-    for a, b in zip(scene.results(), before, strict=True):
-        assert largest(a - b) < 1e-5 * largest(b)

@@ -243,17 +243,3 @@ def test_degree_two(folder):
     assert at_vertices == pytest.approx(np.sort(x[:, 0] ** 2 + 2 * x[:, 1]), abs=1e-14)
     num_cells = msh.topology.index_map(2).size_global
     assert len(dataset(folder / "out.h5", "Function/v/0")) == num_cells
-
-
-def test_before_the_first_solve(folder):
-    """Before the first solve tractions are zero, and nodes are open or unpaired.
-
-    The penalty is not known yet.
-    """
-    upset = Upset()
-    contact = qs.Contact(upset.upper, upset.tool)
-    fields = contact.field_sources("slave")
-    with qs.FieldWriter(folder / "out.xdmf", upset.upper.mesh, fields) as writer:
-        writer.write(0.0)
-    assert np.all(fields["traction"]().x.array == 0.0)
-    assert np.all(upset.upper.node_values(fields["status"]()) == 1.0)  # paired, and open

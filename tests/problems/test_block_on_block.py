@@ -3,14 +3,12 @@
 import json
 import sys
 
-from mpi4py import MPI
-
 import block_on_block
 import numpy as np
 import pytest
 from block_on_block import LOAD, Parameters, build, run
 from common.command import FORMULATIONS
-from scenes import WORLD, spread_cells
+from scenes import WORLD
 
 KEYS = [
     "friction_force_error",
@@ -78,17 +76,6 @@ def test_augmented_lagrangian():
     assert result["force_balance_error"] < 1e-10
     assert abs(result["energy_error"]) < 1e-3
     np.testing.assert_allclose(column(table, "ratio")[:2], column(other, "ratio")[:2], 0.05, 1e-9)
-
-
-@pytest.mark.parametrize("partition", ("backward", "scattered"))
-def test_ranks_do_not_matter(partition, monkeypatch):
-    p = Parameters(push=8e-3)
-    with spread_cells(monkeypatch, partition):
-        _, table = run(p)
-    _, expected = run(p, MPI.COMM_SELF)
-    assert len(table) == len(expected)
-    for name in ("ratio", "stick", "slip", "energy"):
-        np.testing.assert_allclose(column(table, name), column(expected, name), 1e-7, 1e-12)
 
 
 def test_command(monkeypatch, tmp_path, capsys):

@@ -6,8 +6,6 @@ import pathlib
 import sys
 import tempfile
 
-from mpi4py import MPI
-
 import cattaneo_mindlin as demo
 import numpy as np
 import pytest
@@ -127,17 +125,6 @@ def test_steps():
     one, four = solve(h=0.08), solve(h=0.08, steps=4)
     for key in demo.KEYS:
         assert abs(one[key] - four[key]) < 1e-6
-
-
-@pytest.mark.parametrize("options", ({}, NODAL, {"enforcement": "augmented-lagrangian"}))
-def test_ranks_do_not_matter(options):
-    result, expected = (solve(comm, h=0.1, **options) for comm in (WORLD, MPI.COMM_SELF))
-    for name in demo.KEYS[:3]:
-        for side in SIDES:
-            key = f"{name}, {side}"
-            assert np.isclose(result[key], expected[key], rtol=1e-6, atol=1e-9)
-    assert np.isclose(result["stick radius"], expected["stick radius"], rtol=1e-9)
-    assert result["dofs"] == expected["dofs"]
 
 
 def test_json(monkeypatch):

@@ -1,9 +1,7 @@
-"""The demo of curved beams: symmetries, meshes, energy, friction, its parameters, and ranks."""
+"""The demo of curved beams: symmetries, meshes, energy, friction, and its parameters."""
 
 import dataclasses
 import functools
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -104,15 +102,6 @@ def test_results():
     assert tuple(result) == KEYS and result["force_change"] == 0
     assert result["force_y_max"] == largest_force(rows) > result["force_x_max"]
     assert result["snes_iterations"] == 2 * sum(row.iterations for row in rows)
-
-
-@pytest.mark.parametrize("friction", (0.0, pytest.param(0.3, marks=pytest.mark.long)))
-def test_ranks_do_not_matter(friction):
-    rows, _ = pushed(friction=friction)
-    alone = push(dataclasses.replace(SMALL, friction=friction), MPI.COMM_SELF)
-    for name in ("fx", "fy", "elastic", "dissipated", "penetration", "touching"):
-        both = np.array([[getattr(row, name) for row in each] for each in (rows, alone)])
-        np.testing.assert_allclose(*both, atol=1e-6 * np.abs(both).max())
 
 
 def test_refused():

@@ -1,8 +1,6 @@
-"""The fold demo: force, symmetry, balances, friction, its parameters, and ranks."""
+"""The fold demo: force, symmetry, balances, friction, and its parameters."""
 
 import functools
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -76,13 +74,6 @@ def test_results():
     assert tuple(result) == KEYS and result["force_change"] == 0
     assert result["force"] == rows[-1].force
     assert result["snes_iterations"] == 2 * sum(row.iterations for row in rows)
-
-
-def test_ranks_do_not_matter():
-    alone = fold(Parameters(cells=3, steps=16, longer=1.0), MPI.COMM_SELF)
-    for name in ("force", "elastic", "asymmetry", "touching"):
-        both = [[getattr(row, name) for row in rows] for rows in (folded(longer=1.0), alone)]
-        np.testing.assert_allclose(*both, rtol=1e-7, atol=1e-9)
 
 
 def test_refused():

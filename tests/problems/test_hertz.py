@@ -26,7 +26,7 @@ def test_cylinder_on_block(ratio, enforcement):
         assert result[f"l2_error_{side}"] <= 0.06
     assert abs(result["radius_error"]) < 0.05 * max(1, ratio)
     assert result["force_error"] < 1e-10
-    assert result["snes_iterations"] - result["augmentation_steps"] <= 10
+    assert result["snes_iterations"] <= 10
 
 
 def test_cylinders_at_nodes():
@@ -75,25 +75,6 @@ def test_swap():
     one, other = (hertz(h=0.05, ratio=1.5, swap=swap) for swap in (None, True))
     for a, b in (SIDES, SIDES[::-1]):
         assert abs(one[f"peak_error_{a}"] - other[f"peak_error_{b}"]) < 0.01
-
-
-def test_augmented_lagrangian():
-    """At ε = 10 E/h, results are those of a penalty of 1e6 E/h, in at most 10 updates."""
-    parameters = {"h": 0.05, "ratio": 1.5}
-    e_over_h = 200.0 / 0.05
-    multipliers = {"enforcement": "augmented-lagrangian", "constraints": "nodes"}
-    one = hertz(penalty=10 * e_over_h, **multipliers, **parameters)
-    other = hertz(penalty=1e6 * e_over_h, constraints="nodes", **parameters)
-    assert one["augmentation_steps"] <= 10
-    for key in ("peak_error_slave", "peak_error_master", "l2_error_slave", "radius_error"):
-        assert abs(one[key] - other[key]) < 1e-6
-
-
-@pytest.mark.parametrize("ratio", [1 / 3, 1.0, 3.0])
-def test_number_of_updates(ratio):
-    """At the automatic penalty few updates are needed, with either side finer."""
-    result = hertz(h=0.05, ratio=ratio, enforcement="augmented-lagrangian")
-    assert result["augmentation_steps"] <= 10
 
 
 def test_sphere():

@@ -55,22 +55,6 @@ def test_formulations(cell, formulation):
         check_exact(run(newtonian(4, 4, cell, formulation=formulation, load=load))[0])
 
 
-@pytest.mark.parametrize("penalty", (1e3, 1e6, 1e9))
-def test_any_penalty(penalty):
-    result, _ = run(
-        newtonian(5, 3, jitter=0.25, load="displacement", penalty=penalty, quadrature="overlay")
-    )
-    check_exact(result)
-
-
-@pytest.mark.parametrize("contact", ("tied", "unilateral"))
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("cell", CELLS)
-def test_turned(cell, load, contact):
-    p = newtonian(4, 3, cell, 0.2, load=load, contact=contact, quadrature="overlay", rotate=25.0)
-    check_exact(run(p)[0])
-
-
 @pytest.mark.parametrize("penalty", ("auto", 1e9))
 @pytest.mark.parametrize("jitter", (0.0, 0.25))
 @pytest.mark.parametrize("load", LOADS)

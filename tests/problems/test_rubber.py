@@ -1,8 +1,6 @@
-"""The rubber demo: balance, rolling, parameters, and ranks."""
+"""The rubber demo: balance, rolling, and parameters."""
 
 import functools
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -53,14 +51,6 @@ def test_roller():
     rolling = [row for row in rows if row.t > 5]
     assert all(row.drag == pytest.approx(DRAG, rel=1e-6) for row in rolling)
     assert result["max_penetration"] < 0.1 * DEPTH
-
-
-def test_ranks_do_not_matter():
-    alone, _ = squeezed(MPI.COMM_SELF)
-    together, _ = squeezed()
-    for name in ("force", "max_penetration"):
-        assert together[name] == pytest.approx(alone[name], rel=1e-6)
-    assert together["facet_size"] == pytest.approx(alone["facet_size"], rel=1e-12)
 
 
 @pytest.mark.parametrize("options, message", [

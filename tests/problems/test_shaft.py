@@ -1,8 +1,6 @@
-"""The shaft demo: torque, balances, its parameters, and ranks."""
+"""The shaft demo: torque, balances, and its parameters."""
 
 import functools
-
-from mpi4py import MPI
 
 import numpy as np
 import pytest
@@ -65,7 +63,7 @@ def test_no_friction():
 def test_one_large_step():
     """A quarter of a turn in one step gives the same torque."""
     result, rows = turn(mu=0.2, steps=1)
-    assert np.isclose(result["torque"], turn(mu=0.2, steps=9)[0]["torque"], rtol=1e-4)
+    assert np.isclose(result["torque"], turn(mu=0.2, steps=3)[0]["torque"], rtol=1e-4)
     assert rows[-1].iterations < 25
 
 
@@ -78,17 +76,6 @@ def test_closed_forms():
     stuck = rows[1].torque / np.radians(rows[1].angle)
     torque = 2 * np.pi * p.mu * lame_pressure(p.interference)
     assert np.isclose(stuck, torque / slip_angle(p.mu, p.interference), rtol=0.01)
-
-
-@pytest.mark.parametrize("mu", (0.0, 0.2))
-@pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
-def test_ranks_do_not_matter(enforcement, mu):
-    p = Parameters(mu=mu, steps=2, enforcement=enforcement)
-    values = []
-    for comm in (MPI.COMM_SELF, WORLD):
-        rows = run(p, comm)[1]
-        values.append([(r.elastic, r.dissipated, r.normal, r.radius, r.torque) for r in rows])
-    np.testing.assert_allclose(values[1], values[0], rtol=1e-9, atol=1e-11)
 
 
 def test_refused():

@@ -3,13 +3,11 @@
 import json
 import sys
 
-from mpi4py import MPI
-
 import numpy as np
 import pytest
 import sliding_wedge
 from common.command import FORMULATIONS
-from scenes import WORLD, spread_cells
+from scenes import WORLD
 from sliding_wedge import Parameters, build, closed_form, run
 
 
@@ -72,19 +70,6 @@ def test_no_friction_without_mu():
     assert contact.friction is None and contact.model.slips == () and contact.model.symmetric
     with pytest.raises(ValueError, match="mu"):
         build(WORLD, Parameters(mu=-0.1))
-
-
-@pytest.mark.parametrize("partition", ("backward", "scattered"))
-def test_ranks_do_not_matter(partition, monkeypatch):
-    """The partly slipping wedge does not depend on the partition; the contact pair spans ranks."""
-    p = Parameters(mu=0.5, quadrature="overlay", push=2e-4)
-    with spread_cells(monkeypatch, partition):
-        _, table, _ = run(p)
-    _, expected, _ = run(p, MPI.COMM_SELF)
-    assert len(table) == len(expected)
-    for row, other in zip(table, expected, strict=True):
-        assert np.isclose(row["ratio"], other["ratio"], rtol=1e-9)
-        assert (row["slipping"], row["active"]) == (other["slipping"], other["active"])
 
 
 def test_command(monkeypatch, tmp_path, capsys):

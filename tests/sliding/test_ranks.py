@@ -15,8 +15,7 @@ KINDS = {
     "double-pass": {"formulation": "double-pass"},
     "friction": {"friction": qs.Coulomb(0.3), "enforcement": "penalty"},
     "second-degree": {"degree": 2},
-    "points": {"constraints": "points"},
-    "points, friction": {"constraints": "points", "friction": qs.Coulomb(0.3)},
+    "friction, multipliers": {"friction": qs.Coulomb(0.3)},
 }
 
 

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from following import Boxes, moment, problem_of, rotation, total
-from scenes import WORLD, largest, plane
-
-from dolfinx import fem
+from following import Boxes, moment, total
+from scenes import largest, plane
 
 import qsdolfinx as qs
 
@@ -14,7 +12,6 @@ KINDS = {
     "quasi-symmetric": {},
     "master-slave": {"formulation": "master-slave"},
     "penalty": {"enforcement": "penalty", "penalty": 3e3},
-    "points": {"constraints": "points"},
 }
 kinds = pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 
@@ -154,52 +151,6 @@ def test_press_release_press(options):
         if height > 0:
             assert largest(scene.force) == 0
     assert largest(scene.force - first) < 2e-3 * first[-1]
-
-
-def test_again():
-    """Repeated solves without change give no change once areas have converged."""
-    scene = Drag("quadrilateral", 4.0)
-    for _ in range(3):
-        scene.slide([0.5])
-    for _ in range(3):
-        scene.slide([0.0])
-    force = scene.force
-    scene.slide([0.0])
-    assert scene.problem.num_iterations == 0
-    assert largest(scene.force - force) < 1e-10
-    assert scene.contact.step_dissipation() < 1e-12
-
-
-def test_pair_turns_without_slip():
-    """A block pressed on another and rotated by 90° within a solve has no friction energy."""
-    scene = Boxes("quadrilateral", ((6, 2), (5, 2)), ((1.4, 0.5), (1.0, 0.5)), start=0.2)
-    held = []
-    for body, axis_value in zip(scene.bodies, (-0.5, 0.5), strict=True):
-        u = fem.Function(body.V)
-        dofs = fem.locate_dofs_topological(body.V, 1, plane(body.mesh, 1, axis_value))
-        body.bcs = [fem.dirichletbc(u, dofs)]
-        held.append(u)
-    contact = qs.Contact(
-        scene.above, scene.below, sliding="finite", friction=qs.Coulomb(0.5),
-        enforcement="penalty", penalty=1e3,
-    )  # fmt: skip
-    problem = problem_of(scene.bodies, [contact], solver="direct")
-    held[1].interpolate(lambda x: np.stack([0 * x[0], 0 * x[0] - 0.02]))
-    for _ in range(6):
-        problem.solve()
-    R = rotation(np.pi / 2)
-    force, slip = contact.force("slave"), contact.slip()
-    for body, u in zip(scene.bodies, held, strict=True):
-        x = body.V.tabulate_dof_coordinates()[:, :2]
-        values = body.u.x.array.reshape(-1, 2)
-        values[:] = (x + values) @ R.T - x
-        u.x.array[:] = body.u.x.array
-    problem.solve()
-    taken = WORLD.allreduce(np.abs(contact.dissipation()).sum())
-    assert taken < 1e-12
-    assert largest(np.linalg.norm(contact.slip(), axis=1) - np.linalg.norm(slip, axis=1)) < 1e-10
-    # Tractions are checked in test_turning.py.
-    assert abs(np.linalg.norm(contact.force("slave")) / np.linalg.norm(force) - 1) < 0.1
 
 
 @kinds

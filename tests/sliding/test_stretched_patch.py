@@ -20,8 +20,6 @@ KINDS = {
     "penalty": {"enforcement": "penalty", "penalty": 1e3},
     "soft": {"enforcement": "penalty", "penalty": 50.0},
     "double-pass": {"formulation": "double-pass", "penalty": 1e3},
-    "points": {"constraints": "points"},
-    "points, master-slave": {"constraints": "points", "formulation": "master-slave"},
 }
 
 

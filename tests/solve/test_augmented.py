@@ -101,9 +101,12 @@ def test_ties_of_held_nodes_to_a_stiff_body(ratio, swap, solver):
 @pytest.mark.parametrize("law", (qs.Tied, qs.Unilateral))
 @pytest.mark.parametrize("cell", CELLS)
 def test_gap_is_closed_at_any_penalty(cell, law):
+    """Neither gaps nor the force depend on the penalty, even if it is soft."""
     forces, gaps = [], []
-    for penalty in (20.0, 200.0):
+    for penalty in (200.0, 0.05):
         pair, problem = scene(cell, penalty, law())
+        drag_top(pair, 0.01)
+        problem = pair.problem()
         problem.solve()
         forces.append(pair.contact.force("slave"))
         gap, active = pair.contact.weighted_gap(), pair.contact.active()
@@ -113,23 +116,6 @@ def test_gap_is_closed_at_any_penalty(cell, law):
     allowed = pair.contact.settings.allowed_gap
     assert max(gaps) <= 3 * allowed
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize("law", (qs.Unilateral, qs.Tied))
-@pytest.mark.parametrize("n", ((2, 6), (5, 4)))
-def test_any_penalty_will_do(n, law):
-    """The force does not depend on the penalty, even if it is soft: multipliers are unknowns."""
-    given = {"wave": 0.03, "n": n}
-    forces = []
-    for penalty in (1e3, 10.0, 0.05):
-        options = {"constraints": "nodes"}
-        pair = Pair("hexahedron", law=law(), penalty=penalty, contact_options=options, **given)
-        drag_top(pair, 0.01)
-        problem = pair.problem()
-        problem.solve()
-        forces.append(pair.contact.force("slave"))
-    np.testing.assert_allclose(forces[1], forces[0], rtol=1e-7, atol=1e-10)
-    np.testing.assert_allclose(forces[2], forces[0], rtol=1e-7, atol=1e-10)
 
 
 def test_multipliers_are_kept():
@@ -147,17 +133,6 @@ def test_multipliers_are_kept():
         counts.append(problem.num_iterations)
     assert counts[0] >= 1 and counts[1] == counts[2] == 0
     assert counts[3] == counts[0]
-
-
-def test_failure_keeps_the_multipliers():
-    pair, problem = scene()
-    problem.solve()
-    kept = pair.contact.multiplier()
-    pair.bcs[1][0].g.value[1] = -0.3
-    problem.snes.setTolerances(max_it=0)
-    raises_everywhere(WORLD, qs.ConvergenceError, "did not converge", problem.solve)
-    after = pair.contact.multiplier()
-    np.testing.assert_allclose(after, kept, rtol=1e-6, atol=1e-9)
 
 
 def test_a_gap_that_cannot_be_closed_is_told():

@@ -40,7 +40,7 @@ def stack(seed):
     return tool, contacts, qs.ContactProblem(F, u, contacts, bcs)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_stack_under_a_plane_that_is_lifted(seed):
     """Unloaded blocks, which stay where rounding leaves them, are not a failure."""
     tool, contacts, problem = stack(seed)

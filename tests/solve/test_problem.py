@@ -245,14 +245,6 @@ def test_automatic_penalty_stays():
     assert pair.contact.penalty == first
 
 
-def test_results_before_a_solve_are_those_of_no_displacement():
-    contact = Pair("quadrilateral", "master-slave", gap=0.1).contact
-    gap, active = contact.weighted_gap(), contact.active()
-    energy = contact.stored_energy()
-    np.testing.assert_allclose(gap, -0.1)
-    assert not active.any() and energy == 0
-
-
 def test_penalty_can_be_changed():
     pair = Pair("triangle", penalty=10.0, contact_options={"enforcement": "penalty"})
     problem = pair.problem()

@@ -71,6 +71,43 @@ def test_stale_matrices_are_noticed():
     assert counts == [3, 1]
 
 
+def rubber(**options):
+    """Make two neo-Hookean blocks with a penalty."""
+    pair = Pair("quadrilateral", contact_options={"enforcement": "penalty"}, **options)
+    for i, u in enumerate(pair.u):
+        stress = qs.materials.neo_hookean(u, (0.4, 0.8)[i], 0.6)
+        pair.F[i] = ufl.inner(stress, ufl.grad(ufl.TestFunction(pair.V[i]))) * ufl.dx(degree=3)
+    return pair
+
+
+def test_each_tangent_once():
+    """The first tangent serves both for the matrices of new pairs and for the first iteration."""
+    pair = rubber(n=(5, 4), wave=0.02, load=-0.02)
+    problem, before = pair.problem(), 0
+    for load in (-0.02, -0.03):
+        pair.bcs[1][0].g.value[1] = load
+        problem.solve()
+        assert problem.bodies[0].num_assemblies <= before + problem.num_iterations + 1
+        before = problem.bodies[0].num_assemblies
+        pair.contact.update()
+
+
+def test_what_holds_a_free_body_is_not_left():
+    """The diagonal shift of a body without support does not accumulate over tangents."""
+    pair = rubber(gap=0.1)
+    pair.bcs[1] = []
+    problem = pair.problem()
+    problem.set_up()
+    system, found = problem.system, []
+    x = system.x.array_r.copy()
+    for _ in range(3):
+        system.tangent(x)
+        found.append(system.made.tangent.diagonal(1))
+    assert largest(found[1] - found[0]) == largest(found[2] - found[0]) == 0
+    bulk = system.bodies[1].matrix().getDiagonal().array_r
+    assert largest(found[0] - bulk) > 0
+
+
 def test_constant_tangent_is_factorised_once():
     """All bodies linear, all contacts tied: a second load costs no new matrix."""
     pair = Pair("hexahedron", law=qs.Tied())
@@ -178,24 +215,25 @@ def test_near_nullspace(cell, monkeypatch):
 
 def test_failure_keeps_the_last_state():
     """If iterations are too few, the error has all details, and the unknowns are as before."""
-    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=0.1)
+    pair = Pair("quadrilateral", n=(9, 7), wave=0.05, load=-0.05)
     problem = pair.problem()
     problem.solve()
-    force = pair.contact.force("slave")
+    force, multiplier = pair.contact.force("slave"), pair.contact.multiplier()
     kept = [u.x.array.copy() for u in pair.u]
     pair.bcs[1][0].g.value[1] = -0.2
     problem.snes.setTolerances(max_it=1)
     error = raises_everywhere(WORLD, qs.ConvergenceError, "MAX_IT", problem.solve)
     problem.snes.setTolerances(max_it=50)
     changes = [largest(u.x.array - k) for u, k in zip(pair.u, kept, strict=True)]
-    force_after = pair.contact.force("slave")
+    force_after, multiplier_after = pair.contact.force("slave"), pair.contact.multiplier()
     problem.solve()  # the problem can still be solved
     assert error.reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
     assert "MAX_IT" in error.reason_name and error.reason_name in str(error)
     assert len(error.residual_history) >= 2 and error.residual_history[0] > 0
     assert len(error.active_history[0]) == 1
-    assert changes == [0, 0]
+    assert changes == [0, 0] and force[1] > 0
     np.testing.assert_allclose(force_after, force, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(multiplier_after, multiplier, rtol=1e-6, atol=1e-9)
 
 
 def test_body_that_nothing_holds():

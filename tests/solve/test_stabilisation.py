@@ -17,23 +17,15 @@ PAPERS = {"quadrature": "nodal", "enforcement": "penalty"}
 
 def squeezed(**options):
     """The ring after it has been squeezed and rolled."""
-    case = FreeRing((48, 3), 20.0, **options)
+    case = FreeRing((32, 2), 20.0, **options)
     case.step_to(2.0)
     return case
 
 
-@pytest.mark.parametrize(
-    "settings, constraints",
-    (
-        ({}, "nodes"),
-        ({"stiffness": 0.1}, "nodes"),
-        ({}, "points"),
-        ({"max_solves": 2, "decrease": 0.0}, "points"),
-    ),
-)
-def test_no_part_in_the_result(settings, constraints):
+@pytest.mark.parametrize("stiffness, constraints", ((None, "points"), (0.1, "nodes")))
+def test_no_part_in_the_result(stiffness, constraints):
     """The ring is in equilibrium without the springs; plate forces are as without stabilisation."""
-    settings = qs.Stabilisation(**settings)
+    settings = qs.Stabilisation(stiffness)
     case = squeezed(stabilisation=settings, constraints=constraints)
     plain = squeezed(constraints=constraints)
     assert case.problem.stabilisation_shares[-1] == 0.0
@@ -72,27 +64,18 @@ def hung(kind, solver, stabilisation, **options):
     return problem
 
 
+@pytest.mark.parametrize("options", (EXACT, PAPERS), ids=("exact", "paper"))
 @pytest.mark.parametrize(
     "kind, solver", (("mpi", "direct"), ("nest", "direct"), ("mpi", "amg"), ("nest", "fieldsplit"))
 )
-def test_ties(kind, solver):
-    """Springs cost at most one iteration with ties: the first iteration has none."""
-    problem = hung(kind, solver, qs.Stabilisation(), **EXACT)
-    expected = hung("mpi", "direct", None, **EXACT)
-    assert problem.num_iterations <= (2 if solver == "direct" else 5)
+def test_ties(kind, solver, options):
+    """Springs do not change the result, and cost at most one iteration with ties."""
+    problem = hung(kind, solver, qs.Stabilisation(), **options)
+    expected = hung("mpi", "direct", None, **options)
     error = largest(problem.system.x.array_r - expected.system.x.array_r)
     assert error < 1e-6 * largest(expected.system.x.array_r)
-
-
-@pytest.mark.parametrize(
-    "kind, solver", (("mpi", "direct"), ("nest", "direct"), ("mpi", "amg"), ("nest", "fieldsplit"))
-)
-def test_linear_bodies(kind, solver):
-    """Springs do not change the result."""
-    problem = hung(kind, solver, qs.Stabilisation(), **PAPERS)
-    expected = hung("mpi", "direct", None, **PAPERS)
-    error = largest(problem.system.x.array_r - expected.system.x.array_r)
-    assert error < 1e-6 * largest(expected.system.x.array_r)
+    if options is EXACT:  # the first iteration has no springs
+        assert problem.num_iterations <= (2 if solver == "direct" else 5)
 
 
 def test_numbers_are_checked():

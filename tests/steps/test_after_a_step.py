@@ -77,28 +77,6 @@ def test_failed_drive(steps):
     np.testing.assert_allclose(case.force(), force, rtol=1e-8, atol=1e-12)
 
 
-def test_failed_solve_with_a_tool_that_went_on():
-    """The state is restored if attempts fail after contact was updated at the end of the step."""
-    calls = []
-
-    def solve(step):
-        case.problem.solve()
-        calls.append(case.tool.version)
-        if step == 1 and len(calls) % 2:
-            refuse(1.0)
-
-    case = Plane()
-    case.stepper = qs.TimeStepper(case.problem, 1.0, case.lower, solve=solve, num_pairings=2)
-    case.stepper.step()
-    before, force, position = case.state(), case.force(), case.tool.position
-    calls.append(0)
-    case.stepper.dt_min = 0.9
-    raises_everywhere(WORLD, qs.StepError, "dt_min", case.stepper.step)
-    assert same(before, case.state()) and np.array_equal(position, case.tool.position)
-    case.problem.solve()
-    np.testing.assert_allclose(case.force(), force, rtol=1e-8, atol=1e-12)
-
-
 def test_tools_are_told_nothing_by_a_failed_step():
     """A force that one rank has set, before another raised, has no effect on the next solve."""
     case = Plane()
@@ -132,16 +110,6 @@ def test_one_rank_raises_before_it_moves_the_tool(what):
 
     case.drive = drive
     raises_everywhere(WORLD, RuntimeError, "no such row", case.stepper.step)
-
-
-def test_bad_motion_on_one_rank_inside_a_step():
-    case = Plane()
-
-    def drive(t, dt):
-        case.tool.displacement = [0.0, np.nan if WORLD.rank == WORLD.size - 1 else 0.0]
-
-    case.drive = drive
-    raises_everywhere(WORLD, ValueError, "displacement: must be finite", case.stepper.step)
 
 
 # --- A completed step

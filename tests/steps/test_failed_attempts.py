@@ -36,7 +36,7 @@ class Tilting(Upset):
             refuse(1.0)
 
 
-@pytest.mark.parametrize("num_pairings", (2, 3))
+@pytest.mark.parametrize("num_pairings", (1, 3))
 def test_next_attempt_starts_where_the_first_did(num_pairings):
     """If the solve for the end of a step fails, tools that have moved there are moved back."""
     first_step = num_pairings + 1  # with theta > 0 it is done twice

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from scenes import WORLD, box, plane, raises_everywhere, slide
-from step_scenes import SPEED, K, Upset, refuse, same
+from step_scenes import SPEED, K, Upset
 
 import ufl
 from dolfinx import fem
@@ -119,37 +119,6 @@ def test_driven_tool_with_two_pairings():
 # --- Failures
 
 
-def test_failed_attempt_leaves_nothing_behind():
-    """The second attempt starts from the same state as the first, bit by bit."""
-    calls, states = [], []
-
-    def solve(step):
-        calls.append(step)
-        case.problem.solve()
-        if len(calls) in (4, 5):
-            refuse()
-
-    def drive(t, dt):
-        states.append(case.state())
-        case.tool.rotation = 0.0
-        case.move(t, dt)
-
-    case = Upset(die=True, dt=0.04, drive=drive, solve=solve)
-    for _ in range(2):
-        case.stepper.step()
-    states.clear()
-    assert case.stepper.step() == 0.01
-    assert len(states) == 3 and case.stepper.num_cutbacks == 2
-    assert same(states[0], states[1]) and same(states[0], states[2])
-    assert case.stepper.num_steps == 3 and np.isclose(case.stepper.t, 0.09)
-    assert np.isclose(case.tool.center[1], 1 - 0.09 * SPEED)
-    reference = Upset(die=True, dt=0.04)
-    for dt in (0.04, 0.04, 0.01):
-        reference.stepper.dt = dt
-        reference.stepper.step()
-    assert np.allclose(case.forces(), reference.forces(), rtol=1e-9, atol=1e-9)
-
-
 def test_absurd_first_step():
     """A first step in which the plane would pass through the block is cut back."""
     case = Upset(dt=2.0, dt_min=1e-3)
@@ -159,41 +128,6 @@ def test_absurd_first_step():
     assert case.stepper.num_cutbacks >= 2 and dt <= 0.5
     assert np.isclose(case.size()[1], 1 - SPEED * dt, rtol=1e-6)
     assert case.stepper.dt == dt and len(solved) == 1  # not called for rejected attempts
-
-
-def test_smallest_step():
-    broken = []
-
-    def solve(step):
-        case.problem.solve()
-        if broken:
-            refuse()
-
-    case = Upset(dt=0.04, dt_min=0.005, solve=solve)
-    for _ in range(2):
-        case.stepper.step()
-    state = case.state()
-    broken.append(True)
-    raises_everywhere(WORLD, qs.StepError, "dt_min = 0.005", case.stepper.step)
-    assert same(state, case.state())
-    assert case.stepper.num_cutbacks == 4  # 0.04, 0.02, 0.01, 0.005
-    broken.clear()
-    case.stepper.step()
-    assert case.stepper.num_steps == 3
-
-
-def test_other_errors_pass():
-    def drive(t, dt):
-        case.move(t, dt)
-        if case.stepper.num_steps == 1:
-            raise KeyError("load table")
-
-    case = Upset(drive=drive)
-    case.stepper.step()
-    state = case.state()
-    with pytest.raises(KeyError):
-        case.stepper.step()
-    assert same(state, case.state()) and case.stepper.num_cutbacks == 0
 
 
 def test_penetration():

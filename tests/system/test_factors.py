@@ -14,13 +14,13 @@ from qsdolfinx.system.factors import ContactFactors
 
 FORMULATIONS = ("quasi-symmetric", "master-slave", "double-pass")
 OPTIONS = {
-    "overlay": lambda: {},
+    "overlay": lambda: {"constraints": "nodes"},
     "nodal": lambda: {"quadrature": "nodal"},
     "points": lambda: {"constraints": "points"},
     "tied": lambda: {},
-    "coulomb": lambda: {"friction": qs.Coulomb(0.2)},
+    "coulomb": lambda: {"friction": qs.Coulomb(0.2), "constraints": "nodes"},
     "coulomb-points": lambda: OPTIONS["coulomb"]() | OPTIONS["points"](),
-    "norton": lambda: {"friction": qs.Norton(0.3, 0.4, 0.3), "dt": 0.1},
+    "norton": lambda: {"friction": qs.Norton(0.3, 0.4, 0.3), "dt": 0.1, "constraints": "nodes"},
     "norton-points": lambda: OPTIONS["norton"]() | OPTIONS["points"](),
 }
 
@@ -123,17 +123,3 @@ def test_rigid_tool():
     errors, closed = compare(problem)
     assert closed > 0
     assert max(errors) < 1e-13, errors
-
-
-def test_friction_at_points():
-    """With friction at points, a direct solver and multigrid give the same result."""
-    options = {"constraints": "points", "friction": qs.Coulomb(0.2)}
-    results = []
-    for solver in ("direct", "amg"):
-        pair = Pair("triangle", n=(6, 4), wave=0.02, contact_options=options)
-        drag_top(pair, 0.02)
-        problem = pair.problem(solver=solver)
-        problem.solve()
-        results.append([u.x.array.copy() for u in problem.u])
-        problem.destroy()
-    assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*results, strict=True))

@@ -11,7 +11,7 @@ import qsdolfinx as qs
 from qsdolfinx.contact import active_set, terms
 
 OPTIONS = {
-    "nodal": {},
+    "nodal": {"quadrature": "nodal"},
     "overlay": {"quadrature": "overlay"},
     "facet": {"quadrature": "overlay", "normals": "facet"},
     "augmented": {
@@ -19,7 +19,11 @@ OPTIONS = {
         "enforcement": "augmented-lagrangian",
         "gap_tolerance": 0.02,
     },
-    "augmented-nodal": {"enforcement": "augmented-lagrangian", "gap_tolerance": 1e-3},
+    "augmented-nodal": {
+        "quadrature": "nodal",
+        "enforcement": "augmented-lagrangian",
+        "gap_tolerance": 1e-3,
+    },
 }
 KINDS = allowed(FORMULATIONS, OPTIONS)
 

@@ -5,7 +5,6 @@ import pytest
 from rigid_scenes import TOOLS, Pressed, flat, sphere_facets
 from scenes import LAWS, WORLD, box, elastic, largest, plane, raises_everywhere, slide, vector_space
 
-import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
@@ -229,21 +228,6 @@ def test_driven_displacement_in_closed_form(solver):
     assert scene.problem.num_iterations <= (3 if solver == "lu" else 6)
 
 
-def test_two_driven_tools():
-    """Two tools load a block from above and from the side, which resists both at once."""
-    scene = Pressed("quadrilateral", flat, n=4)
-    side = qs.RigidSurface.plane(WORLD, [1.1, 0.5], [-1.0, 0.0])
-    surface = qs.Surface(scene.V, facets=plane(scene.mesh, 0, 1.0))
-    second = qs.Contact(surface, side, formulation="master-slave", penalty=1e3, search_radius=0.5)
-    contacts = [scene.contact, second]
-    problem = qs.ContactProblem([scene.F], [scene.u], contacts, [scene.bcs])
-    scene.tool.drive(0.3, [0, -1])
-    side.drive(0.1, [-1, 0])
-    problem.solve()
-    np.testing.assert_allclose(scene.contact.force("master"), [0, 0.3], atol=3e-9)
-    np.testing.assert_allclose(second.force("master"), [0.1, 0], atol=1e-9)
-
-
 def test_one_tool_on_two_bodies():
     """The driving force of one tool is shared equally between two equal blocks."""
     scenes = [Pressed("triangle", flat) for _ in range(2)]
@@ -259,22 +243,6 @@ def test_one_tool_on_two_bodies():
     for contact in contacts:
         np.testing.assert_allclose(contact.force("master"), [0, 0.1], atol=1e-8)
     assert problem.blocks.block(0, 1) is None
-
-
-def test_driven_into_a_hyperelastic_block():
-    """A force compresses a hyperelastic block by a third; the tangent changes in each iteration."""
-    scene = Pressed("quadrilateral", flat, n=4, quadrature="overlay")
-    v = ufl.TestFunction(scene.V)
-    F = ufl.Identity(2) + ufl.grad(scene.u)
-    J = ufl.det(F)
-    energy = 0.5 * (ufl.tr(F.T * F) - 2 - 2 * ufl.ln(J)) + 1.5 * ufl.ln(J) ** 2
-    form = ufl.derivative(energy * ufl.dx, scene.u, v)
-    problem = qs.ContactProblem([form], [scene.u], [scene.contact], [scene.bcs])
-    for force in (0.5, 1.3):
-        scene.tool.drive(force, [0, -1])
-        problem.solve()
-        np.testing.assert_allclose(scene.contact.force("master")[1], force, rtol=1.1e-8)
-    assert scene.tool.displacement[1] < -0.25
 
 
 def test_between_a_fixed_and_a_driven_tool():

@@ -209,23 +209,6 @@ def test_finite_differences(cell, tool, quadrature, law):
     assert active == rows if law is qs.Tied else 0 < active < rows
 
 
-@pytest.mark.parametrize("quadrature", QUADRATURES)
-def test_a_block_that_only_the_tool_holds(quadrature):
-    """A load presses a block, which the tool alone supports, onto the tool from a distance."""
-    import ufl
-
-    options = {"quadrature": quadrature, "enforcement": "penalty"}
-    scene = Pressed("quadrilateral", flat, n=4, held=False, **options)
-    scene.tool.displacement[-1] = 0.05
-    v = ufl.TestFunction(scene.V)
-    problem = qs.ContactProblem(
-        [scene.F - 0.1 * v[1] * ufl.dx], [scene.u], [scene.contact], [scene.bcs]
-    )
-    problem.solve()
-    np.testing.assert_allclose(scene.contact.force("master"), [0, 0.1], atol=1e-9)
-    assert problem.num_iterations <= 3
-
-
 def test_automatic_penalty_is_that_of_a_constrained_master():
     """With a tool, the automatic penalty has the slave's stiffness alone.
 

@@ -49,10 +49,9 @@ def pressed_tip(gdim, degree, kind, **options):
     "gdim, degree, options",
     (
         (2, 1, {}),
-        (2, 1, {"constraints": "points"}),
+        (2, 1, {"constraints": "nodes"}),
         (2, 1, {"formulation": "master-slave", "normals": "bisector"}),
         (2, 1, {"sliding": "finite"}),
-        (2, 1, {"sliding": "finite", "constraints": "points"}),
         (2, 1, {"quadrature": "nodal", "friction": qs.Coulomb(0.0)}),
         (2, 1, {"smoothing": "shared-curvature"}),
         (2, 2, {"normals": "facet"}),
