@@ -74,13 +74,13 @@ def find_deep_edges(model: ContactModel) -> str | None:
     allowed = NOTICED * model.paired.facet_size + model.overclosure.allowed
     if depth <= max(allowed, UNEVEN * mean_penetration(model)):
         return None
-    place = ", ".join(f"{c:.4g}" for c in x)
+    where = ", ".join(f"{c:.4g}" for c in x)
     owner = "slave" if found[0] >= found[1] else "master"
     return (
-        f"sliding: a sharp edge or corner of the {owner} near ({place}) is {depth:.3g} deep in a "
-        f'face of the other surface, with too small a force: "{model.settings.sliding}" has constraints '
-        'on facets and at vertices of bodies only; take sliding="small", which also has '
-        "constraints at edges and at corners of tools, or round the edge over several facets"
+        f"sliding: a sharp edge or corner of the {owner} near ({where}) is {depth:.3g} deep in a "
+        "face of the other surface, with too small a force: finite sliding has constraints on "
+        'facets and vertices of bodies only; take sliding="small", which has them at edges, too, '
+        "and at corners of tools, or round the edge over several facets"
     )
 
 
