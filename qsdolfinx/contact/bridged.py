@@ -37,7 +37,7 @@ def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
     hold.
     """
     closed = active_set.closed(model, gap)
-    if model.law.linear or model.is_scalar or gap.rows.are_points:
+    if not model.has_gaps or gap.rows.are_points:
         return closed
     size = gap.rows.from_nodes(gap.slave.node_size)
     narrow = ~closed & (-gap.state.values[:, 0] <= NARROW * size)

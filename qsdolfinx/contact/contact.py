@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base import interrupt
-from qsdolfinx.base.checks import POSITIVE, check
+from qsdolfinx.base.checks import POSITIVE, check, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import motion, multipliers, overclosed
 from qsdolfinx.contact.advice import AT_FIRST, tell_smoothed
@@ -342,8 +342,10 @@ class Contact:
         overclosure is a large part of an element.
 
         Raises:
-            ValueError: If ``part`` is not from 0 to 1, or differs between ranks.
+            ValueError: If ``part`` is not from 0 to 1, or differs between ranks, or if the contact
+                is one of scalar fields, which have no overclosure.
         """
+        require(not self.model.is_scalar, "allow_overclosure: scalar fields have no overclosure")
         self.model.overclosure.allow(self.comm, part)
         keep(self.model)
         overclosed.follow(self.model, self.model.paired)

@@ -376,6 +376,15 @@ class AugmentedLawRows(NodalRows):
             active &= ~opened
         return at._replace(image=np.where(active[:, None], image, 0.0), active=active)
 
+    def _unmet(self, at: Normal) -> Array:
+        """R_λ of constraints that are not redundant, (rows, width)."""
+        return np.asarray((self.gap.weight / self._c)[:, None] * (at.image - at.multiplier))
+
+    def open_gap(self, at: Normal) -> float:
+        """Largest difference of gaps of active constraints from those that the law gives."""
+        unmet = np.where(at.active[:, None], at.image - at.multiplier, 0.0) / self._c[:, None]
+        return float(np.max(np.abs(unmet), initial=0.0))
+
     def _slope(self, trial: Array) -> Array:
         """Slope φ'' of the law (stress per length), (rows,). Collective."""
         shifted = np.asarray(trial / self._c[:, None], dtype=np.float64)

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, elastic, largest, plane, slide
+from scenes import WORLD, box, elastic, largest, plane, raises_everywhere, slide
 from tangents import direction, tangent_errors
 
 import basix.ufl
@@ -529,6 +529,14 @@ def test_bodies_that_are_not_solved_for():
 
 
 @pytest.mark.several_ranks
+def test_no_overclosure():
+    """Scalar fields have no overclosure that a part could be allowed of."""
+    contact = qs.Contact(*Blocks("triangle").surfaces, law=qs.Conductance(1.0))
+    raises_everywhere(
+        WORLD, ValueError, "scalar fields have no", lambda: contact.allow_overclosure(0.5)
+    )
+
+
 def test_numbers_that_differ_between_ranks():
     scene = Blocks("triangle")
     text = "h: must be the same on all ranks"

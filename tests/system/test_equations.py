@@ -277,6 +277,31 @@ def test_laws_of_the_users_own(options):
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-9, atol=1e-12)
 
 
+class HalfTied(qs.Tied):
+    """User-defined law of the relative displacement, λ = ε/2 ⟦u⟧."""
+
+    linear = False
+
+    def multiplier(self, gap, penalty):
+        return 0.5 * super().multiplier(gap, penalty)
+
+    def slope(self, gap, penalty, touching):
+        return 0.5 * super().slope(gap, penalty, touching)
+
+
+def test_jump_law_of_the_users_own_with_multipliers():
+    """λ = φ'(ḡ + λ/ε) holds: half of ε (ḡ + λ/ε) is a tie with λ = ε ḡ."""
+    forces = []
+    for law, options in ((HalfTied(), EXACT), (qs.Tied(), SOFT), (qs.Tied(), EXACT)):
+        pair = Pair("triangle", law=law, penalty=4.0, contact_options=options, wave=0.02)
+        _, equations = equations_of(pair)
+        assert errors(equations, *away(equations)) < 1e-7
+        pair.problem(solver="direct").solve()
+        forces.append(pair.contact.force("slave"))
+    assert np.allclose(forces[0], forces[1], rtol=1e-3)
+    assert not np.allclose(forces[2], forces[1], rtol=1e-2)
+
+
 def test_loads_of_now():
     """R uses the present loads, also where it was evaluated before."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
