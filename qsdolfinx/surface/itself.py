@@ -13,10 +13,15 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 
+Array = npt.NDArray[np.float64]
 Facets = npt.NDArray[np.int32]
 
 #: Largest sum of area vectors over the area for a surface to count as closed.
 CLOSED = 1e-8
+
+#: Relative difference of second moments, and size of third moments over their largest possible
+#: value, below which axes are not determined by the body: rounding, which must not decide.
+EQUAL = 1e-6
 
 #: Largest radius over the facet size for a facet to count as on the axis.
 ON_AXIS = 1e-12
@@ -27,7 +32,8 @@ def boundary_of(surface: Surface) -> Surface:
 
     Only facets of the given surface may be in contact. The other facets occlude what is behind
     them, and show what is inside the body. Which of two touching facets is the slave follows from
-    their present normals and positions, see is_slave_of in cpp/pairing/roles.h.
+    their present normals and positions in the axes of the body, see is_slave_of in
+    cpp/pairing/roles.h: it turns with the body.
 
     Raises:
         ValueError: If the boundary is not closed, for example because cells at the boundary are
@@ -45,7 +51,8 @@ def boundary_of(surface: Surface) -> Surface:
     size = np.linalg.norm(area, axis=1)
     normal = area / size[:, None]
     inside = _cpp.within_body(out.cpp_object, middle, normal, np.arange(len(size)))
-    key = np.column_stack([normal, middle, 1.0 - inside])
+    centre, axes = _frame(surface.comm, middle, size)
+    key = np.column_stack([normal @ axes, (middle - centre) @ axes, 1.0 - inside])
     key[~np.isin(out.facets, surface.facets)] = np.nan
     out.touch_itself(key)
     if not surface.axisymmetric:
@@ -57,6 +64,33 @@ def boundary_of(surface: Surface) -> Surface:
                 "mesh to know what is inside, and it is not closed: are cells turned inside out?"
             )
     return out
+
+
+def _frame(comm: MPI.Intracomm, x: Array, area: Array) -> tuple[Array, Array]:
+    """Centre of a surface, (3,), and its principal axes as columns, (3, 3). Collective.
+
+    Axes point to where the surface reaches out farther (third moments). Where moments do not
+    determine the axes, as those of symmetric bodies, axes of space are taken for them.
+
+    Args:
+        comm: Communicator of the surface.
+        x: Middles of its facets, (facets, 3).
+        area: Their areas, (facets,).
+    """
+
+    def total(values: Array) -> Array:
+        return np.asarray(comm.allreduce(values.sum(axis=0), op=MPI.SUM))
+
+    centre = total(area[:, None] * x) / total(area)
+    away = x - centre
+    moments = total(area[:, None, None] * away[:, :, None] * away[:, None, :])
+    sizes, axes = np.linalg.eigh(moments)
+    if np.diff(sizes).min() < EQUAL * sizes.max():
+        return centre, np.eye(3)
+    along = away @ axes
+    third, most = (total(area[:, None] * f(along) ** 3) for f in (np.asarray, np.abs))
+    fixed = axes[np.argmax(np.abs(axes), axis=0), np.arange(3)]
+    return centre, axes * np.sign(np.where(np.abs(third) > EQUAL * most, third, fixed))
 
 
 def _off_axis(surface: Surface, facets: Facets) -> Facets:
