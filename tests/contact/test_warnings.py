@@ -384,6 +384,14 @@ def test_chords_on_a_tool():
             assert warned(lambda s=slave, t=tool, o=options: qs.Contact(s, t, **o)) == []
 
 
+def test_size_of_finer_facets():
+    """Facets of the named size h have a chord error h²/8R of a tenth of the interference."""
+    options = {"search_radius": 4.0, "initial_overclosure": "ignore", "smoothing": "none"}
+    texts = warned(lambda: ShrinkFit(((3, 2), (4, 2)), misfit=2.0, **options))
+    size = float(re.search(r"facets of size (\S+)", texts[0]).group(1))
+    assert size**2 / (8 * ShrinkFit.R) == pytest.approx(0.1 * 2.0, rel=0.1)
+
+
 def on_cone(sides, slope, n=7, away=0.0):
     """Make a block whose top is pressed into the shape of a cone of flat facets, and the cone.
 

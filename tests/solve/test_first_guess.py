@@ -10,11 +10,15 @@ from dolfinx import fem
 import qsdolfinx as qs
 
 
+@pytest.mark.parametrize("dt", (None, 0.01))
 @pytest.mark.parametrize("slope", (0.0, 0.1))
 @pytest.mark.parametrize("gap", (0.0, 0.05, 0.3))
 @pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
-def test_rests_at_once(cell, gap, slope):
-    """A block that can move vertically falls on a plane: Newton's method needs one step."""
+def test_rests_at_once(cell, gap, slope, dt):
+    """A block that can move vertically falls on a plane: Newton's method needs one step.
+
+    With Δt the block is viscous, and displacements are velocities times Δt.
+    """
     gdim = 2 if cell == "quadrilateral" else 3
     axis = gdim - 1
     msh = box(WORLD, [4] * axis + [3], cell, [0.0] * gdim, [1.0] * gdim, "scattered")
@@ -28,8 +32,10 @@ def test_rests_at_once(cell, gap, slope):
     tool = qs.RigidSurface.plane(WORLD, low, -weight)
     surface = qs.Surface(V, facets=facets)
     options = {"enforcement": "penalty", "constraints": "nodes"}
+    if dt is not None:
+        options |= {"unknown": "velocity", "dt": dt}
     contact = qs.Contact(surface, tool, penalty=1e3, search_radius=0.5, **options)
-    form = elastic(u, force=fem.Constant(msh, weight))
+    form = elastic(u, 1.0 if dt is None else dt, force=fem.Constant(msh, weight))
     problem = qs.ContactProblem([form], [u], [contact], [held])
     problem.solve()
     nodes = WORLD.allreduce(len(surface.node_x))
