@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from following import Boxes, rotation
 from scenes import WORLD, largest, plane
-from slanted import slanted_block
 
 import qsdolfinx as qs
 from qsdolfinx.contact import motion
@@ -78,27 +77,6 @@ def test_gaps_that_cannot_be_measured(monkeypatch):
     monkeypatch.setattr(Equations, "evaluate", evaluate)
     with pytest.raises(qs.ConvergenceError, match="meet no point"):
         problem.solve()
-
-
-@pytest.mark.parametrize("formulation", ("quasi-symmetric", "master-slave"))
-@pytest.mark.parametrize("gdim, n, tool", ((2, 8, "plane"), (2, 8, "facets"), (3, 4, "plane")))
-def test_edges_that_are_named(gdim, n, tool, formulation):
-    """Gaps of named sides besides the bottom do not let the edge of the block penetrate.
-
-    Only points have such constraints with small sliding.
-    """
-    options = {"enforcement": "augmented-lagrangian"}
-    contact, depth = slanted_block(gdim, n, tool, True, formulation=formulation, **options)
-    assert depth < 1e-6
-    if gdim == 2:
-        assert abs(contact.force("slave")[1] - 78.81) < 0.005
-
-
-def test_one_row_for_all_sides():
-    """For comparison, with constraints at nodes and small sliding the edge penetrates."""
-    contact, depth = slanted_block(enforcement="augmented-lagrangian", constraints="nodes")
-    assert abs(depth - 0.00889) < 5e-6
-    assert abs(contact.force("slave")[1] - 76.08) < 0.005
 
 
 def test_edges_of_bodies():
