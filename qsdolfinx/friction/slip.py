@@ -827,7 +827,9 @@ class Slip:
                 kept = OfPoints(at.facets, at.place, self.state.rest, self._normal)
                 self.state.of_points = kept
                 slipping = self.state.response.slipping
-                columns = np.column_stack([self.state.pressure, slipping, self.state.used])
+                columns: Array = np.column_stack(
+                    [self.state.pressure, slipping.astype(np.float64), self.state.used]
+                )
                 self.state.of_nodes = rows.projected_means(columns)
         else:
             self.state.augmented = traction

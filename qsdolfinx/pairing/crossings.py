@@ -233,7 +233,7 @@ def deepest_on_faces(
     counts &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     counts &= depth <= deepest(role.slave)
     at = int(np.argmax(np.where(counts, depth, 0.0))) if len(depth) else -1
-    most = (0.0, (0.0,) * 3)
+    most: tuple[float, tuple[float, ...]] = (0.0, (0.0,) * 3)
     if at >= 0 and counts[at]:
         most = max(most, (float(depth[at]), tuple(map(float, x[at]))))
     return max(comm.allgather(most))
