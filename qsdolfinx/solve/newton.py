@@ -27,11 +27,6 @@ Array = npt.NDArray[np.float64]
 
 FAILED_LINEARLY = PETSc.SNES.ConvergedReason.DIVERGED_LINEAR_SOLVE
 
-#: Residual reduction factor of an iteration with an old tangent, over the factor of the last
-#: iteration. To first order it is 2 after an iteration with a new tangent, and 1 after an iteration
-#: with an old one.
-SLOWER = 2.0
-
 #: Beginnings of the option names that select PETSc's SNES, and the name of its convergence test.
 TEST = "snes_convergence_test"
 OF_USERS_SNES = "snes_type", "snes_linesearch_", TEST
@@ -108,9 +103,6 @@ class Context:
         forces: For each group, the largest acting or unbalanced forces at the start of any run of
             the solve. None before the first run.
         until: Norm of the residual at which a linear solve is accurate enough.
-        fall: Residual reduction factor of the last iteration of the solve.
-        is_running: Whether SNES is solving. Other callers of the tangent need it at their own
-            unknowns.
         unseen: Why the residual could not be evaluated somewhere; empty if it always could.
         failure: Exception raised by a callback: PETSc would replace it by an error of its own.
         active: Active constraints of each contact on this rank, in an iteration on other unknowns.
@@ -126,8 +118,6 @@ class Context:
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
     until: float = 0.0
-    fall: float = np.inf
-    is_running: bool = False
     unseen: str = ""
     failure: BaseException | None = None
     active: list[int] | None = None
@@ -164,9 +154,6 @@ def tangent(snes: PETSc.SNES, x: PETSc.Vec, A: PETSc.Mat, P: PETSc.Mat, context:
     """Assemble the tangent, and prepare the linear solver."""
     system, linear = context.system, context.linear
     _evaluate(system, x)
-    if _is_near(context) and system.tangent_fits():
-        linear.prepare(context.norms, context.until, False)
-        return
     changed = linear.assemble()
     linear.prepare(context.norms, context.until, changed)
 
@@ -187,18 +174,6 @@ def other_tangent(
     context.other.tangent(x)
     if A != context.other.matrix:  # finite differences, chosen by options
         A.assemble()
-
-
-def _is_near(context: Context) -> bool:
-    """Whether the present tangent is likely to be good enough for the last iteration.
-
-    Two more iterations cost less than a factorisation; with an iterative solver, one more iteration
-    costs as much as one with a new tangent.
-    """
-    if not (context.is_running and context.norms):
-        return False
-    more = 2 if context.linear.is_direct else 1
-    return context.norms[-1] * (SLOWER * context.fall) ** more <= context.until
 
 
 @_callback
@@ -238,8 +213,6 @@ def _has_converged(
         context.least = np.full_like(measures.residuals, np.inf)
         now = np.maximum(measures.sizes, measures.residuals)
         context.forces = now if context.forces is None else np.maximum(now, context.forces)
-    elif context.norms and context.norms[-1] > 0:
-        context.fall = norm / context.norms[-1]
     context.norms.append(norm)
     limits = measures.limits(relative)
     rests = iteration > 0 and step <= RESTING * size
@@ -310,7 +283,7 @@ class Newton:
     def begin(self) -> None:
         """Start a new record."""
         self.record = self._context.record = Record()
-        self._context.forces, self._context.fall = None, np.inf
+        self._context.forces = None
         self._context.unseen = ""
 
     def update_matrices(self) -> None:
@@ -500,7 +473,7 @@ class Newton:
 
     def _call_snes(self) -> None:
         """Let SNES solve; exceptions of callbacks are raised unchanged."""
-        self._context.norms, self._context.is_running = [], True
+        self._context.norms = []
         try:
             self.snes.solve(None, self.system.x)
         except PETSc.Error as error:
@@ -514,6 +487,4 @@ class Newton:
                     self.fail(FAILED_LINEARLY)
                 raise
             raise failure from None
-        finally:
-            self._context.is_running = False
         self.linear.look()
