@@ -150,6 +150,7 @@ def test_energy_of_flow_that_closes(bulge):
     np.testing.assert_allclose(contact.dissipated_energy(), sums, rtol=1e-6)
 
 
+@pytest.mark.parallel
 def test_energy_under_an_edge():
     """A block drawn over a longer plate, the slave, in full slip dissipates T times its path."""
     bodies, bcs = [], []

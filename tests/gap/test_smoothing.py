@@ -32,19 +32,6 @@ def test_gap_of_concentric_surfaces(n, cell, uneven, within, swap):
     assert largest(smooth / 0.01 + 1) < within
 
 
-@pytest.mark.parametrize("smoothing", ("shared-curvature", "named"))
-def test_gap_beside_vertices(smoothing):
-    """Surfaces have no height at vertices: the gap is the distance of the circles.
-
-    Normals of facets, along which points face each other, lean by 7.5° there.
-    """
-    scene = ShrinkFit(((6, 2), (6, 2)), misfit=-1.0, smoothing=smoothing, search_radius=3.0)
-    pairing = scene.contact.pairing
-    beside = np.hypot(*pairing.slave.x[:, :2].T) > 9.49
-    assert WORLD.allreduce(np.count_nonzero(beside)) >= 10
-    assert largest(pairing.gap[beside] - 1) < 2e-3
-
-
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric", "double-pass"))
 @pytest.mark.parametrize("n", (RINGS, RINGS[::-1]), ids=("coarse inside", "coarse outside"))
 def test_shrink_fit(n, formulation):

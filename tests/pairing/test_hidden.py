@@ -133,6 +133,7 @@ def sheets(gdim, heights, looks_up):
     return qs.Surface(vector_space(msh), facets=faces)
 
 
+@pytest.mark.parallel
 @pytest.mark.parametrize("quadrature", QUADRATURES)
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_stacks_of_sheets(gdim, quadrature):

@@ -186,11 +186,11 @@ def test_size_from_curvature_is_radius_times_angle():
 
 def test_size_from_distance_of_shapes_and_facets():
     x = np.random.default_rng(1).uniform(-1, 1, (3, 20))
-    x[2] = 0.3 * np.abs(x[2])
+    x[2] *= 0.3  # on both sides
     shape = qs.RigidSurface.plane(WORLD, [0, 0, 0], [0, 0, 1])
     corners = [[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]]
     facets = qs.RigidSurface.triangulated(WORLD, corners, [[0, 1, 2], [0, 2, 3]])
-    expected = 0.1 + 0.4 * np.clip(x[2] / 0.2, 0, 1)
+    expected = 0.1 + 0.4 * np.clip(np.abs(x[2]) / 0.2, 0, 1)
     for tool in (shape, facets):
         assert np.allclose(qs.size_from_distance(tool, 0.1, 0.5, 0.2)(x), expected)
 

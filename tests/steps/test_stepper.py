@@ -177,6 +177,7 @@ def test_lands_on_the_end():
         assert np.isclose(case.tool.center[1], 1 - SPEED * t_end, rtol=1e-12)
         assert case.stepper.dt == 0.07
     assert np.diff(times).min() > 0.02 and np.diff(times).max() < 0.07 * (1 + 1e-9)
+    np.testing.assert_allclose(times[1:3], [0.05, 0.1])  # two equal parts, not 0.07 and 0.03
     assert run(case, t_end) == []
     raises_everywhere(WORLD, ValueError, "t_end", lambda: case.stepper.step(0.1))
 
