@@ -34,7 +34,7 @@ from qsdolfinx.tools import triangulation
 from qsdolfinx.tools.driven import Driven
 from qsdolfinx.tools.facet_surface import FacetSurface
 from qsdolfinx.tools.pose import Pose, padded, point_of, unit_vector
-from qsdolfinx.tools.shapes import Plane, Round, Shape
+from qsdolfinx.tools.shapes import Plane, Round, ToolShape
 from qsdolfinx.tools.shells import Shells
 from qsdolfinx.tools.stl import read_stl
 from qsdolfinx.tools.triangulation import Facets
@@ -84,7 +84,7 @@ class RigidSurface:
         version: Number of the present position of the tool; every new position has a new number.
     """
 
-    def __init__(self, comm: MPI.Intracomm, center: Array, shape: Shape | Facets) -> None:
+    def __init__(self, comm: MPI.Intracomm, center: Array, shape: ToolShape | Facets) -> None:
         self._comm = comm
         self._center = np.asarray(center, dtype=np.float64)
         self._pose = Pose.at_rest(len(self._center))
@@ -302,7 +302,7 @@ class RigidSurface:
     @property
     def is_analytic(self) -> bool:
         """Whether the shape is known in closed form; otherwise the tool consists of facets."""
-        return isinstance(self._shape, Shape)
+        return isinstance(self._shape, ToolShape)
 
     @property
     def is_plane(self) -> bool:
@@ -344,7 +344,7 @@ class RigidSurface:
         Raises:
             ValueError: If the shape is not analytic.
         """
-        if not isinstance(self._shape, Shape):
+        if not isinstance(self._shape, ToolShape):
             raise ValueError("distance: is known in closed form for analytic shapes only")
         R, t = self._pose_of(position).embedded
         points = check_array("x", x, (None, 3))
@@ -353,7 +353,7 @@ class RigidSurface:
 
     def curvature(self, x: npt.ArrayLike, position: npt.ArrayLike | None = None) -> Array:
         """Derivatives of the normals of :meth:`distance` by the points, shape (n, 3, 3)."""
-        if not isinstance(self._shape, Shape):
+        if not isinstance(self._shape, ToolShape):
             raise ValueError("curvature: is known in closed form for analytic shapes only")
         R, t = self._pose_of(position).embedded
         points = check_array("x", x, (None, 3))

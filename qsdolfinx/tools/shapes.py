@@ -25,13 +25,17 @@ class Shape(abc.ABC):
             Arrays of the shapes (n,) and (n, 3).
         """
 
+
+class ToolShape(Shape):
+    """Shape of a rigid tool, whose normals have known derivatives."""
+
     @abc.abstractmethod
     def curvature(self, x: Array) -> Array:
         """Derivatives of the normals by the points, shape (n, 3, 3), symmetric."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Plane(Shape):
+class Plane(ToolShape):
     """The half-space below a plane.
 
     Attributes:
@@ -47,12 +51,12 @@ class Plane(Shape):
         return (x - self.point) @ self.normal, np.tile(self.normal, (len(x), 1))
 
     def curvature(self, x: Array) -> Array:
-        """See :meth:`Shape.curvature`."""
+        """See :meth:`ToolShape.curvature`."""
         return np.zeros((len(x), 3, 3))
 
 
 @dataclasses.dataclass(frozen=True)
-class Round(Shape):
+class Round(ToolShape):
     """A ball, a circular cylinder, or the complement of one of these.
 
     Attributes:
@@ -74,7 +78,7 @@ class Round(Shape):
         return sign * (length - self.radius), sign * out
 
     def curvature(self, x: Array) -> Array:
-        """See :meth:`Shape.curvature`. For a circle, components along z have no meaning."""
+        """See :meth:`ToolShape.curvature`. For a circle, components along z have no meaning."""
         length, out = self._out(x)
         across = np.eye(3) - out[:, :, None] * out[:, None, :]
         if self.axis is not None:
@@ -112,14 +116,6 @@ class Torus(Shape):
         length, _, part, across = self._out(x)
         return length - self.tube, part[:, :1] * across + part[:, 1:] * self.axis
 
-    def curvature(self, x: Array) -> Array:
-        """See :meth:`Shape.curvature`."""
-        length, away, part, across = self._out(x)
-        along_tube = part[:, :1] * self.axis - part[:, 1:] * across
-        around_axis: Array = np.asarray(np.cross(self.axis, across), dtype=np.float64)
-        of_tube = _squares(along_tube) / np.maximum(length, 1e-300)[:, None, None]
-        return of_tube + _squares(around_axis) * (part[:, 0] / away)[:, None, None]
-
     def _out(self, x: Array) -> tuple[Array, Array, Array, Array]:
         """Distances from the tube's centre line and the axis; unit vectors, see :func:`around`.
 
@@ -152,18 +148,6 @@ class Cone(Shape):
         across, away, along = around(x - self.apex, self.axis)
         c, s = np.cos(self.half_angle), np.sin(self.half_angle)
         return c * away - s * along, c * across - s * self.axis
-
-    def curvature(self, x: Array) -> Array:
-        """See :meth:`Shape.curvature`."""
-        across, away, _ = around(x - self.apex, self.axis)
-        bent = np.cos(self.half_angle) / np.maximum(away, 1e-300)
-        around_axis = np.asarray(np.cross(self.axis, across), dtype=np.float64)
-        return _squares(around_axis) * bent[:, None, None]
-
-
-def _squares(vectors: Array) -> Array:
-    """Outer product v vᵀ of each vector, shape (n, 3, 3)."""
-    return vectors[:, :, None] * vectors[:, None, :]
 
 
 def around(ray: Array, axis: Array) -> tuple[Array, Array, Array]:
