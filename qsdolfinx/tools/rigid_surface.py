@@ -44,6 +44,30 @@ Array = npt.NDArray[np.float64]
 COMMUNICATOR = instance(MPI.Intracomm, "a communicator of mpi4py")
 
 
+#: Attributes that are listed by ``dir`` and tab completion.
+PUBLIC = (
+    "advance",
+    "center",
+    "comm",
+    "cylinder",
+    "displacement",
+    "distance",
+    "drive",
+    "drive_moment",
+    "driven",
+    "from_mesh",
+    "from_stl",
+    "gdim",
+    "plane",
+    "position",
+    "release",
+    "rotation",
+    "sphere",
+    "triangulated",
+    "version",
+)
+
+
 class ToolState(typing.NamedTuple):
     """Position of a tool, and its prescribed motion in the next step.
 
@@ -96,6 +120,10 @@ class RigidSurface:
         self._shape = shape
         self._surface: tuple[tuple[int, bool], _cpp.Surface] | None = None
         self._shells: Shells | None = None
+
+    def __dir__(self) -> list[str]:
+        """Attributes for users; the others are for the library: docs/api/extending.md."""
+        return list(PUBLIC)
 
     # --- Shapes
 
