@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.crossing import OUTSIDE
 from qsdolfinx.contact.depth import SIDES
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Placement, ToolPlace, is_analytic
@@ -26,6 +27,13 @@ CORNER = 0.01
 #: Cosine of the angle (60°) between normals of a point and of the face that it comes out of; the
 #: same for facets in cpp/search/passing.h.
 ALIKE = 0.5
+
+#: Cosine of this angle from which on contact detection finds no pair; the same as facing_cosine in
+#: cpp/search/local_search.h.
+FACING = -0.1
+
+#: Depth, in units of the smallest facet, of points beside the middle of a tool that counts.
+DEEP = 0.5
 
 #: Number of bisections of a path.
 BISECTIONS = 40
@@ -82,7 +90,7 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
     least = CORNER * model.paired.facet_size
     slave, place = _motion(model, before, "slave"), model.placement.master
     if is_analytic(place):
-        found = [("slave", slave, _through_shape(place, slave))]
+        found = [("slave", slave, _through_shape(place, slave, model.paired.facet_size))]
     elif model.with_itself:
         found = [("slave", slave, _through_facets(slave, slave))]
     else:
@@ -116,13 +124,20 @@ def _through_facets(points: _Motion, other: _Motion) -> Array:
     return _cpp.passed_lengths(other.facets, other.start_x, points.start, points.end, points.normal)
 
 
-def _through_shape(place: ToolPlace, points: _Motion) -> Array:
-    """The same for an analytic tool, at its present position. Local."""
+def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
+    """The same for an analytic tool, at its present position. Local.
+
+    The depth of points that have come in counts as well if contact does not see them, since the
+    closest side of the tool looks the way that they do: the tool's middle is beyond the surface.
+    """
     first, last = (place.tool.distance(x, place.positions()) for x in (points.start, points.end))
+    cosine = np.sum(points.normal * last[1], axis=1)
+    came = (last[0] < 0) & (first[0] > OUTSIDE * last[0])
+    unseen = came & ((cosine > ALIKE) | ((cosine > FACING) & (-last[0] > DEEP * size)))
     way = np.linalg.norm(points.end - points.start, axis=1)
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
-    at = np.flatnonzero(may & (np.sum(points.normal * last[1], axis=1) > 0))
-    out = np.zeros(len(way))
+    at = np.flatnonzero(may & (cosine > 0))
+    out = np.where(unseen, -last[0], 0.0)
     out[at] = way[at] * _part_within(place, points.start[at], points.end[at], points.normal[at])
     return out
 

@@ -79,7 +79,7 @@ class OntoASheet:
 
     Args:
         kind: ``"facets"`` of a closed rigid sheet, a deformable ``"body"`` that is held at its
-            ends, or two thin analytic ``"bars"``.
+            ends, or two thin analytic ``"bars"``, or a ``"round"`` tool whose centre reaches the surface.
     """
 
     DOWN = 0.2
@@ -102,6 +102,8 @@ class OntoASheet:
             k = np.arange(42)
             sides = np.column_stack([k, (k + 1) % 42])
             masters = [qs.RigidSurface.triangulated(WORLD, np.concatenate([upper, lower]), sides)]
+        elif kind == "round":
+            masters = [qs.RigidSurface.cylinder(WORLD, [0.53, -0.2], None, 0.2 - GAP)]
         else:
             middles = ([x, -GAP - RADIUS] for x in (0.25, 0.75))
             masters = [qs.RigidSurface.cylinder(WORLD, middle, None, RADIUS) for middle in middles]
@@ -121,7 +123,7 @@ class OntoASheet:
         return stepper, sum(contact.force("slave")[1] for contact in self.contacts)
 
 
-@pytest.mark.parametrize("kind", ("facets", "body", "bars"))
+@pytest.mark.parametrize("kind", ("facets", "body", "bars", "round"))
 def test_large_steps_do_not_pass_through_a_thin_part(kind):
     """Steps by many thicknesses are cut back; the force is that of small steps."""
     stepper, force = OntoASheet(kind).stepped(1.0)
@@ -131,7 +133,7 @@ def test_large_steps_do_not_pass_through_a_thin_part(kind):
     assert any("passed through a part" in attempt.reason for attempt in stepper.log)
 
 
-@pytest.mark.parametrize("kind", ("facets", "body", "bars"))
+@pytest.mark.parametrize("kind", ("facets", "body", "bars", "round"))
 def test_a_solve_says_so(kind):
     """A solve in which the block passes through gives a warning on all ranks."""
     case = OntoASheet(kind)
