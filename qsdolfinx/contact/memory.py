@@ -81,7 +81,8 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
         start = functools.partial(_start, model, j), functools.partial(_set_start, model, j)
         out.append(OfNodes(f"slip_{j}", slip.slave, *slipped))
-        out.append(OfNodes(f"start_{j}", slip.slave, *start, fit=_flags))
+        fit = functools.partial(_flags, slip.slave.gdim)
+        out.append(OfNodes(f"start_{j}", slip.slave, *start, fit=fit))
     return out
 
 
@@ -196,10 +197,11 @@ def _set_start(model: ContactModel, j: int, values: Array) -> None:
     multipliers.set_pressures_on_nodes(model.slips[j], values)
 
 
-def _flags(start: Array) -> Array:
+def _flags(gdim: int, start: Array) -> Array:
     """Round the flags of slipping, and of components moved by conditions, to 0 or 1."""
     out = start.copy()
-    out[:, 1], out[:, 4:] = np.rint(out[:, 1]), np.rint(out[:, 4:])
+    pressures, _, moved = multipliers.parts_of_start(gdim, out)
+    pressures[:, 1::3], moved[:] = np.rint(pressures[:, 1::3]), np.rint(moved)
     return out
 
 

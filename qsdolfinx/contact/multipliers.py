@@ -70,17 +70,17 @@ def turn(parts: typing.Sequence[Part]) -> None:
 def pressures_on_nodes(slip: Slip) -> Array:
     """Pressure and state of a slip at the start of the step, at all owned nodes.
 
-    The columns are the pressure, whether the node slipped, the part of its friction limit that it
-    reached, the covered part of its area, and which components conditions have moved. The shape is
-    (nodes, 4 + gdim).
+    The columns are the pressure, whether the node slipped and the part of its friction limit that
+    it reached, with constraints at points for each smooth patch of the node; then the covered part
+    of its area, and which components conditions have moved.
     """
     state, rows = slip.state, slip.gap.rows
     columns = np.column_stack([state.pressed, state.slipped, state.used])
     if isinstance(rows, PointRows) and slip.gap.following is not None:
-        none = np.zeros((len(state.covered), 3))
+        none = np.zeros((len(state.covered), 3 * slip.slave.block))
         of_rows = none if state.of_nodes is None else state.of_nodes
     elif isinstance(rows, PointRows):
-        of_rows = rows.projected_means(columns)
+        of_rows = rows.projected(columns)
     else:
         of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)
     return np.column_stack([of_rows, state.covered, state.moved])
@@ -88,11 +88,20 @@ def pressures_on_nodes(slip: Slip) -> Array:
 
 def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:
     """Restore the state returned by :func:`pressures_on_nodes`."""
-    state = slip.state
-    of_rows = [slip.gap.rows.from_nodes(c) for c in columns.T[:3]]
-    state.pressed, state.slipped, state.used = of_rows
-    state.of_nodes = np.array(columns[:, :3])
-    state.covered, state.moved = np.array(columns[:, 3]), np.array(columns[:, 4:])
+    state, rows = slip.state, slip.gap.rows
+    state.of_nodes, covered, state.moved = parts_of_start(slip.slave.gdim, columns.copy())
+    state.covered = covered[:, 0]
+    if isinstance(rows, PointRows):
+        of_rows = rows.vectors_from_sides(state.of_nodes)
+    else:
+        of_rows = np.column_stack([rows.from_nodes(c) for c in state.of_nodes.T])
+    state.pressed, state.slipped, state.used = of_rows.T
+
+
+def parts_of_start(gdim: int, columns: Array) -> tuple[Array, Array, Array]:
+    """Columns of :func:`pressures_on_nodes`: of pressures, covered parts, moved components."""
+    count = columns.shape[1] - 1 - gdim
+    return columns[:, :count], columns[:, count : count + 1], columns[:, count + 1 :]
 
 
 def reset(model: ContactModel) -> None:

@@ -95,8 +95,8 @@ class SlipState:
         of_points: With updated geometry, data of the points at the start of the step, see ``rest``;
             None before these are known.
         of_nodes: With updated geometry, where points change at each evaluation, functions of the
-            nodes instead of ``pressed``, ``slipped`` and ``used``, (nodes, 3); None before there
-            are any.
+            smooth patches of nodes instead of ``pressed``, ``slipped`` and ``used``, (nodes,
+            block * 3); None before there are any.
         closing: With updated geometry, functions of the nodes instead of ``until_closed`` and
             ``share``, (nodes, gdim + 1), so that the response does not jump when points move to
             another facet. None if the whole step counts for all constraints.
@@ -511,8 +511,7 @@ class Slip:
         state.on_edge = np.full_like(none, np.inf)
         state.pressed, state.slipped, state.used = none, none, none
         if state.of_nodes is not None:
-            of_rows = [rows.from_nodes(c) for c in state.of_nodes.T]
-            state.pressed, state.slipped, state.used = of_rows
+            state.pressed, state.slipped, state.used = rows.vectors_from_sides(state.of_nodes).T
         state.until_closed, state.share = self._closing_of(found, rows)
         for name, values in self.of_nodes.items():
             if isinstance(values, float):
@@ -830,7 +829,7 @@ class Slip:
                 columns: Array = np.column_stack(
                     [self.state.pressure, slipping.astype(np.float64), self.state.used]
                 )
-                self.state.of_nodes = rows.projected_means(columns)
+                self.state.of_nodes = rows.projected(columns)
         else:
             self.state.augmented = traction
         self.state.start = self.state.carried

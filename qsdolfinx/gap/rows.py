@@ -365,18 +365,6 @@ class PointRows(Rows):
             found.append(full(x))
         return np.stack(found, axis=2).reshape(len(cover), self.slave.block * len(found))
 
-    def projected_means(self, values: Array) -> Array:
-        """Project as :meth:`projected`, with values of nodes: means over their smooth patches.
-
-        Args:
-            values: Values at the points, shape (rows, n).
-        """
-        shape = len(self.cover), self.slave.block, values.shape[1]
-        sides = self.projected(values).reshape(shape)
-        sums = np.einsum("ks,ksc->kc", self.cover_of_sides, sides)
-        some, out = self.cover > _SOME * self.slave.node_area, np.zeros_like(sums)
-        return np.divide(sums, self.cover[:, None], out=out, where=some[:, None])
-
     def extended(self, held: Extension | None) -> Extension | None:
         """Extension of redundant multipliers and of hardly covered multipliers. Collective.
 
