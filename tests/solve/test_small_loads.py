@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx.solve.convergence import Measures
+from qsdolfinx.solve.convergence import Convergence, Measures
 
 
 @pytest.mark.parametrize("solver", ["direct", "amg", "fieldsplit"])
@@ -76,3 +76,19 @@ def test_when_rounding_decides(least, rounding, undeformed, flown, rests, raised
     at = Measures(10 * one, one, rounding * one, rounding * one, 0 * one, *flags)
     found = at.with_rounding(1e-12 * one, least * one, one, rests)
     np.testing.assert_array_equal(found, rounding if raised else 1e-12)
+
+
+@pytest.mark.parametrize("dt", (1.0, 1e-4))
+def test_displacements_of_velocities(dt):
+    """Whether a body is undeformed depends on its displacement in the step, not on the velocity."""
+    msh = box(WORLD, (4, 4), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u, tool = fem.Function(V), qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, unknown="velocity", dt=dt)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    problem.set_up()
+    for displacement, undeformed in ((1e-6, True), (1e-2, False)):
+        x = problem.system.x.array_r * 0 + displacement / dt
+        problem.system.residual(x)
+        assert Convergence(problem.system).measure().undeformed.tolist() == [undeformed]
