@@ -11,6 +11,7 @@ from dolfinx import mesh
 
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.contact.passing import find_passed
 
 THICK, GAP, RADIUS = 0.04, 0.05, 0.06
 
@@ -143,6 +144,20 @@ def test_a_solve_says_so(kind):
         case.problem.solve()
     told = any("through a part of the other surface" in str(w.message) for w in found)
     assert WORLD.allgather(told) == [True] * WORLD.size
+
+
+def test_length_in_a_bar():
+    """The longest path through a bar is its diameter."""
+    case = OntoASheet("bars")
+    model = case.contacts[0].model
+    before = model.placement
+    case.push(1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it has passed through
+        case.problem.solve()
+    found = find_passed(model, before)
+    assert found is not None and found.side == "slave"
+    assert found.length == pytest.approx(2 * RADIUS, rel=0.03)
 
 
 def test_going_around_an_edge_is_no_passing():

@@ -528,7 +528,6 @@ def test_bodies_that_are_not_solved_for():
         problem.solve()
 
 
-@pytest.mark.several_ranks
 def test_no_overclosure():
     """Scalar fields have no overclosure that a part could be allowed of."""
     contact = qs.Contact(*Blocks("triangle").surfaces, law=qs.Conductance(1.0))
@@ -537,6 +536,7 @@ def test_no_overclosure():
     )
 
 
+@pytest.mark.several_ranks
 def test_numbers_that_differ_between_ranks():
     scene = Blocks("triangle")
     text = "h: must be the same on all ranks"

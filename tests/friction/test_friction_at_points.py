@@ -7,6 +7,7 @@ from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx.friction.of_points import OfPoints, SmoothRest
 
 MU, PRESS, DRAG = 0.3, 0.05, 0.004
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
@@ -93,3 +94,19 @@ def test_where_nothing_moves(sliding, creep, cell, enforcement):
     for a, b in zip(before, case.state(), strict=True):
         assert largest(a - b) < 2e-4 * largest(a)
     assert case.contact.dissipated_energy() - energy < creep * energy
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_smooth_data_of_points_turns(gdim):
+    """A vector that is the same at all old points is the same at new ones, rotated as given."""
+    rng = np.random.default_rng(2)
+    keys, place = np.repeat([[3, 5], [4, 5]], 40, axis=0), rng.random((80, gdim))
+    place /= place.sum(axis=1, keepdims=True)
+    vector = np.arange(1.0, gdim + 1)
+    old = OfPoints(keys, place, np.tile(vector, (80, 1)), np.tile(np.eye(gdim)[0], (80, 1)))
+    turn = np.eye(gdim)
+    turn[:2, :2] = [[0.6, -0.8], [0.8, 0.6]]
+    new = np.array([[4, 5], [4, 6], [3, 5]])  # no old points between 4 and 6
+    values = SmoothRest(old).at(new, place[:3], np.tile(turn, (3, 1, 1)))
+    expected = np.array([1.0, 0.0, 1.0])[:, None] * (turn @ vector)
+    np.testing.assert_allclose(values, expected, atol=1e-10)

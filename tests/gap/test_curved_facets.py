@@ -405,6 +405,15 @@ def test_fit(name, cell):
     np.testing.assert_allclose(found.distance(on)[0], 0, atol=1e-9)
 
 
+@pytest.mark.parametrize("turn", ([1, -1, -1], [-1, 1, -1], [-1, -1, 1]))
+def test_fit_of_cones_in_any_direction(turn):
+    """The axis leads from the apex into the cone."""
+    found = qs.smooth.Cone.fit(patch(lambda *at: cone_of(*at) * turn, "hexahedron")).shape
+    np.testing.assert_allclose(found.apex, AT, atol=1e-9)
+    np.testing.assert_allclose(found.axis, turn[2] * AXIS, atol=1e-9)
+    assert found.half_angle == pytest.approx(0.4, abs=1e-9)
+
+
 def test_fit_in_2d():
     ring = Shell((12, 3), (5.0, 10.0))
     for name, R in (("inner", 5.0), ("outer", 10.0)):

@@ -3,6 +3,7 @@
 import builtins
 import csv
 import pathlib
+import resource
 import sys
 import xml.etree.ElementTree
 
@@ -148,6 +149,24 @@ def test_history(folder, capsys):
     if WORLD.rank == 0:
         (folder / "gone").rmdir()
     raises_everywhere(WORLD, OSError, "gone", lambda: missing.add(rows[0]))
+
+
+def test_no_part_of_a_line_after_an_error(folder):
+    """A line for which the disk has no space is removed; the next one is complete."""
+    history = qs.History(WORLD, folder / "full.csv", verbose=False)
+    history.add({"t": 1.0, "force": 0.1})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    size = WORLD.bcast((folder / "full.csv").stat().st_size if WORLD.rank == 0 else 0, root=0)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size + 4, limits[1]))
+    try:
+        raises_everywhere(WORLD, OSError, "", lambda: history.add({"t": 2.0, "force": 0.2}))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    left = WORLD.allgather((folder / "full.csv").stat().st_size)
+    history.add({"t": 3.0, "force": 0.3})
+    WORLD.barrier()
+    assert left == [size] * WORLD.size
+    assert read(folder / "full.csv") == [{"t": 1.0, "force": 0.1}, {"t": 3.0, "force": 0.3}]
 
 
 @pytest.mark.parametrize("with_tqdm", [True, False])

@@ -7,6 +7,7 @@ import pytest
 from scenes import CELLS, WORLD, box, plane, vector_space
 
 import qsdolfinx as qs
+from qsdolfinx.pairing.distance import of_points
 
 RADIUS, SLOPE = 0.2, 0.8
 MASTERS = ("body", "facets", "analytic")
@@ -73,3 +74,16 @@ def test_nodes(cell, kind):
     np.testing.assert_array_equal(paired, np.abs(height) <= RADIUS)
     assert inside == outside > 0
     assert counted == unpaired > 0
+
+
+def test_points_beside_a_corner():
+    """A point that only a corner faces is as far away as the corner, not as a plane through it."""
+    msh = box(WORLD, (2, 2), "quadrilateral", [-1.0, -1.0], [0.0, 0.0])
+    facets = np.concatenate([plane(msh, axis, 0.0) for axis in (0, 1)])
+    corner = qs.Surface(vector_space(msh), facets=facets)
+    angle = np.linspace(0.1, 1.4, 9)
+    away = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(9)])
+    own = qs.Surface(vector_space(msh), facets=plane(msh, 1, -1.0)).cpp_object
+    found = of_points(0.01 * away, -away, own, corner.cpp_object, 0.5)
+    np.testing.assert_allclose(found.depth, -0.01, rtol=1e-12)
+    assert not found.beside.any()

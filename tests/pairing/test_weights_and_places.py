@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scenes import CELLS, WORLD, box, gathered, plane, vector_space
 
+from dolfinx import fem
+
 import qsdolfinx as qs
+import qsdolfinx._cpp as _cpp
+from qsdolfinx.pairing.ahead import linear
 
 
 def lower_face(cell, n, partition, wave=0.0, low=0.0, axisymmetric=False):
@@ -80,3 +84,15 @@ def test_points_upon_a_tool(cell, axisymmetric, inside, quadrature):
     assert np.all(np.sum(points.normal * inward, axis=1) * (-1 if inside else 1) > 0)
     np.testing.assert_allclose(sums, slave.node_area, rtol=1e-12)
     assert min(outside, within) > 0
+
+
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
+def test_linear_functions_from_quadratic_ones(cell):
+    """The linear functions of the vertices at any points follow from the functions of degree 2."""
+    gdim = 2 if cell == "triangle" else 3
+    msh = box(WORLD, [2] * gdim, cell, [0.0] * gdim, [1.0] * gdim)
+    V = fem.functionspace(msh, ("Lagrange", 2, (gdim,)))
+    surface = qs.Surface(V, facets=plane(msh, gdim - 1, 0.0))
+    x = np.random.default_rng(1).random((5, 2)) / 2
+    values = [_cpp.trace_values(surface.num_facet_vertices, degree, x) for degree in (2, 1)]
+    np.testing.assert_allclose(linear(surface, values[0]), values[1], atol=1e-14)

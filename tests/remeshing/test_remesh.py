@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from forming_bodies import quarter_cylinder
 from remeshing_scenes import all_nodes, area, bump, nodes_on, num_cells, tagged, volume
-from scenes import WORLD
+from scenes import WORLD, box
 
 from dolfinx import fem, mesh
 
@@ -125,6 +125,17 @@ def all_values(u):
         u.function_space.dofmap.list
     ]
     return out
+
+
+def test_the_end_of_the_axis_is_kept():
+    """The tip of a steep conical recess is a corner, although the boundary turns by only 27°."""
+    msh = box(WORLD, (6, 8), "triangle", [0.0, 0.0], [3.0, 4.0])
+    x = msh.geometry.x
+    bottom = np.maximum(2 - 2 * x[:, 0], 0.0)
+    x[:, 1] = bottom + (1 - bottom / 4) * x[:, 1]
+    made = qs.remesh(msh, 0.43, axisymmetric=True)
+    away = np.linalg.norm(all_nodes(made.mesh) - [0.0, 2.0, 0.0], axis=1)
+    assert away.min() < 1e-6
 
 
 def test_line_between_tags_is_kept():

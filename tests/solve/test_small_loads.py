@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.solve.convergence import Convergence, Measures
 
 
 @pytest.mark.parametrize("solver", ["direct", "amg", "fieldsplit"])
@@ -54,3 +55,40 @@ def test_rounding_does_not_end_other_solves():
     measures, limits = problem.newton.measure()
     assert np.all(measures.rounding < 1e-2 * 1e-9 * measures.sizes)
     assert np.all(limits <= 1e-9 * measures.sizes) and np.all(measures.residuals <= limits)
+
+
+@pytest.mark.parametrize(
+    "least, rounding, undeformed, flown, rests, raised",
+    [
+        (1.0, 1e-9, False, False, False, True),  # small next to the forces
+        (9.0, 1e-9, False, False, False, True),
+        (90.0, 1e-9, False, False, False, False),  # the residual still falls
+        (1.0, 1e-3, False, False, False, False),  # rounding hides the forces
+        (1.0, 1e-3, False, False, True, True),  # but nothing changes any more
+        (1.0, 1e-3, False, True, True, False),  # far away
+        (1.0, 1e-3, True, False, False, True),  # the body is as it was made
+    ],
+)
+def test_when_rounding_decides(least, rounding, undeformed, flown, rests, raised):
+    """Limits are raised to rounding level where an iteration no longer reduces the residual."""
+    one = np.ones(1)
+    flags = np.array([undeformed]), np.array([flown])
+    at = Measures(10 * one, one, rounding * one, rounding * one, 0 * one, *flags)
+    found = at.with_rounding(1e-12 * one, least * one, one, rests)
+    np.testing.assert_array_equal(found, rounding if raised else 1e-12)
+
+
+@pytest.mark.parametrize("dt", (1.0, 1e-4))
+def test_displacements_of_velocities(dt):
+    """Whether a body is undeformed depends on its displacement in the step, not on the velocity."""
+    msh = box(WORLD, (4, 4), "quadrilateral", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u, tool = fem.Function(V), qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, unknown="velocity", dt=dt)
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+    problem.set_up()
+    for displacement, undeformed in ((1e-6, True), (1e-2, False)):
+        x = problem.system.x.array_r * 0 + displacement / dt
+        problem.system.residual(x)
+        assert Convergence(problem.system).measure().undeformed.tolist() == [undeformed]

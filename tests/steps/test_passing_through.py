@@ -1,5 +1,6 @@
 """Steps so large that bodies and tools pass through each other are cut back."""
 
+import re
 import warnings
 
 import numpy as np
@@ -181,6 +182,29 @@ def test_slip_is_limited(kind, sliding):
         ways.append(0.3 * case.stepper.last_dt)
     assert ways[0] == 0.3
     assert np.allclose(ways[1:], [0.15, 0.075])
+
+
+def test_slip_along_a_round_tool_is_the_arc():
+    """A cylinder that rotates in place slips by its radius times the angle, not by the chord."""
+    n, radius, angle = 8, 0.5, 0.8
+    msh = box(WORLD, (n, n), "quadrilateral", [0.0, 0.0], [1.0, 1.0], "scattered")
+    V = vector_space(msh)
+    u = fem.Function(V)
+    tool = qs.RigidSurface.cylinder(WORLD, [0.5, 1.0 + radius], None, radius)
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, sliding="finite")
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, 0.0))]])
+
+    def drive(t, dt):
+        tool.displacement = [0.0, -0.005 if t < 1.5 else 0.0]
+        tool.rotation = 0.0 if t < 1.5 else angle
+
+    stepper = qs.TimeStepper(problem, 1.0, drive, dt_min=1.0, max_slip=1.0)
+    stepper.step()
+    with pytest.raises(qs.StepError, match="a slip of") as found:
+        stepper.step()
+    facets = float(re.search(r"a slip of (\S+) facets", str(found.value))[1])
+    assert np.isclose(facets, n * radius * angle, rtol=0.03)
 
 
 def test_a_limit_below_what_counts_as_closed():

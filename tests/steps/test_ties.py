@@ -74,6 +74,21 @@ def test_pulled_by_a_plane(num_pairings, quadrature, enforcement):
         )
 
 
+def test_moment_of_a_tool_that_has_rotated():
+    """A tool stays at its angle if it is driven by the moment of the tie there."""
+
+    def drive(tool, t, dt):
+        tool.rotation = 0.4 if t == 1.0 else 0.0
+
+    case = OnTool(drive, enforcement="augmented-lagrangian")
+    case.stepper.step()
+    moment = case.contact.moment("master", case.tool.center)[0]
+    case.tool.drive_moment(-moment)
+    case.stepper.step()
+    c, s = np.cos(0.4), np.sin(0.4)
+    np.testing.assert_allclose(case.tool.position[:, :2], [[c, -s], [s, c]], atol=1e-8)
+
+
 @pytest.mark.parametrize("theta", (0.0, 0.5))
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 def test_flow_follows_a_plane(enforcement, theta):
