@@ -182,6 +182,33 @@ def test_energy_under_an_edge():
 # --- Constraints whose pressure changes
 
 
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_energy_of_a_block_with_walls(sliding):
+    """In steady sliding, friction dissipates the work of the drag, also if walls are named.
+
+    At the corners, pressures end at the wall, which has none.
+    """
+    msh = box(WORLD, (6, 3), "quadrilateral", [0.0, 0.0], [0.8, 0.4])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    facets = mesh.locate_entities_boundary(msh, 1, lambda x: x[1] < 0.39)
+    floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+    surface = qs.Surface(V, facets=facets)
+    contact = qs.Contact(surface, floor, friction=qs.Coulomb(0.4), sliding=sliding)
+    top = fem.Constant(msh, (0.0, 0.0))
+    dofs = fem.locate_dofs_topological(V, 1, plane(msh, 1, 0.4))
+    problem = qs.ContactProblem([elastic(u)], u, contact, [fem.dirichletbc(top, dofs, V)])
+
+    def drive(t, dt):
+        top.value[:] = 0.2 * max(t - 1, 0), -0.02 * min(t, 1)
+
+    stepper = qs.TimeStepper(problem, 0.25, drive)
+    for t in stepper.run(2.5):
+        if t > 1.9:  # slips everywhere, steadily
+            work = 0.2 * stepper.last_dt * abs(contact.force("slave")[0])
+            assert np.isclose(contact.step_dissipation(), work, rtol=1e-6)
+
+
 def evaluated(law, pressed, pressure, slip, gap=0.0, before=0.0, same=True, means=False, used=1.0):
     """Evaluate a law at one constraint in the plane, slipping along x, with rigid stick."""
     one = np.ones(1)
