@@ -11,7 +11,7 @@ from dolfinx import fem
 from qsdolfinx.base.checks import FINITE, check, either, instance, require
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.following import follows
-from qsdolfinx.gap.laws import Conductance, Law, Unilateral
+from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid
@@ -33,10 +33,12 @@ def check_surfaces(slave: typing.Any, master: typing.Any) -> None:
 
 
 def default_enforcement(formulation: str, law: typing.Any) -> str:
-    """Default of ``enforcement``: augmented Lagrangian wherever it is available."""
-    none = formulation == "double-pass" or isinstance(law, Conductance)
-    none |= isinstance(law, Law) and bool(law.memory)
-    return "penalty" if none else "augmented-lagrangian"
+    """Default of ``enforcement``: augmented Lagrangian wherever it is available.
+
+    A law of the user's gives λ = φ'(ḡ), which is not that of a multiplier, λ = φ'(ḡ + λ/ε).
+    """
+    exact = formulation != "double-pass" and type(law) in (Unilateral, Tied)
+    return "augmented-lagrangian" if exact or not isinstance(law, Law) else "penalty"
 
 
 def default_constraints(

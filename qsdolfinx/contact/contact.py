@@ -87,7 +87,7 @@ class Contact:
             ends when the gaps that the multipliers leave are within the tolerance, with any
             penalty. The multipliers are kept for the next solve, also when the contact pairs are
             updated; :meth:`reset` deletes them. ``"penalty"``, the default of double-pass contact,
-            conductances and laws with history variables: a gap of λ/ε is left.
+            conductances and laws of your own: a gap of λ/ε is left, or that of the law.
         penalty: ε, stress per length. ``"auto"`` computes it from the stiffness of the bodies at
             the contact nodes in the first solve; with an augmented Lagrangian and velocity-based
             bodies, after each update of the contact pairs.

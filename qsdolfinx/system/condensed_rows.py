@@ -170,8 +170,11 @@ def _check_slope(slope: Array, pressure: Array) -> None:
         ValueError: If there are such slopes.
     """
     lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
-    text = "law: slope must be positive where the multiplier is not 0; if that falls as the gap "
-    require(not (lost.any() or np.any(slope < 0)), text + "grows, return the secant multiplier/gap")
+    text = (
+        "law: slope must be positive where the multiplier is not 0; if that falls or stays "
+        "constant as the gap grows, return the secant multiplier/gap"
+    )
+    require(not (lost.any() or np.any(slope < 0)), text)
 
 
 class PointConstraints(CondensedRows):

@@ -80,7 +80,8 @@ class OntoASheet:
 
     Args:
         kind: ``"facets"`` of a closed rigid sheet, a deformable ``"body"`` that is held at its
-            ends, or two thin analytic ``"bars"``, or a ``"round"`` tool whose centre reaches the surface.
+            ends, two thin analytic ``"bars"``, or a ``"round"`` tool whose centre reaches the
+            surface.
     """
 
     DOWN = 0.2

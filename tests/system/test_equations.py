@@ -308,6 +308,35 @@ def test_jump_law_of_the_users_own_with_multipliers():
     assert not np.allclose(forces[2], forces[1], rtol=1e-2)
 
 
+class Spring(qs.Law):
+    """User-defined law λ = k ⟦u⟧, whatever ε is."""
+
+    jump, linear, stiffness = True, False, 3.0
+
+    def energy(self, gap, penalty):
+        return 0.5 * self.stiffness * np.sum(gap**2, axis=1)
+
+    def multiplier(self, gap, penalty):
+        return self.stiffness * gap
+
+    def slope(self, gap, penalty, touching):
+        return np.full(len(gap), self.stiffness)
+
+
+def test_law_of_the_users_own_does_not_depend_on_the_penalty():
+    """By default, a law of the user's is a tie with this ε, whatever the penalty is."""
+    forces = []
+    for law, options, penalty in (
+        (qs.Tied(), SOFT, Spring.stiffness),
+        (Spring(), {}, 50.0),
+        (Spring(), {}, "auto"),
+    ):
+        pair = Pair("triangle", law=law, penalty=penalty, contact_options=options, wave=0.02)
+        pair.problem(solver="direct").solve()
+        forces.append(pair.contact.force("slave"))
+    np.testing.assert_allclose(forces[1:], [forces[0]] * 2, rtol=1e-9, atol=1e-12)
+
+
 def test_loads_of_now():
     """R uses the present loads, also where it was evaluated before."""
     pair = Pair("triangle", contact_options=EXACT, wave=0.02)
