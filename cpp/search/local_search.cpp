@@ -1,6 +1,7 @@
 #include "search/local_search.h"
 
 #include <algorithm>
+#include <utility>
 
 using namespace qsdolfinx;
 
@@ -80,14 +81,15 @@ void LocalSearch::drop_beyond_limit()
   std::erase_if(found_, [this](const Candidate& c) { return c.point.distance > limit_; });
 }
 
-const Candidate* LocalSearch::first_by_name(std::span<const Candidate> ties) const
+const Candidate* LocalSearch::best(std::span<const Candidate> ties, const Vec3& p) const
 {
   if (ties.empty())
     return nullptr;
   if (ties.size() == 1)
     return &ties.front();
-  return &*std::ranges::min_element(ties, {}, [this](const Candidate& c)
-                                    { return name_of(surface_.facet_x(c.facet)); });
+  return &*std::ranges::min_element(
+      ties, {}, [this, &p](const Candidate& c)
+      { return std::pair(beside(c, p), name_of(surface_.facet_x(c.facet))); });
 }
 
 double LocalSearch::offset(const Candidate& c, const Vec3& p) const

@@ -60,8 +60,9 @@ public:
   /// included; valid until the next call.
   std::span<const Candidate> in_front(const Vec3& p, const Vec3& normal, double beyond);
 
-  /// The candidate whose name (see name_of) is first; null if there are no candidates.
-  const Candidate* first_by_name(std::span<const Candidate> ties) const;
+  /// The candidate whose name (see name_of) is first among those that the node at p is not beside,
+  /// or among all if it is beside all of them; null if there are no candidates.
+  const Candidate* best(std::span<const Candidate> ties, const Vec3& p) const;
 
   /// Whether the node at p is beside the surface, see overhang_tolerance.
   bool beside(const Candidate& c, const Vec3& p) const;

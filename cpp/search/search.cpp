@@ -200,8 +200,8 @@ std::vector<double> limits(const Answers& a, const Queries& q, std::size_t num_n
   return limit;
 }
 
-/// Best answer for every node: the smallest distance; among equal distances within the radius the
-/// first in the order of names.
+/// Best answer for every node: the smallest distance; among equal distances within the radius a
+/// facet that the node is not beside, and the first in the order of names.
 std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Places& nodes,
                                  const SearchRadius& radius, const std::vector<double>& limit)
 {
@@ -216,7 +216,9 @@ std::vector<std::int64_t> choose(const Answers& a, const Queries& q, const Place
     if (best[k] >= 0)
     {
       const auto other = a.name(best[k]);
-      if (!std::lexicographical_compare(name.begin(), name.end(), other.begin(), other.end()))
+      if (a.beside(i) != a.beside(best[k])
+              ? a.beside(i)
+              : !std::lexicographical_compare(name.begin(), name.end(), other.begin(), other.end()))
         continue;
     }
     best[k] = static_cast<std::int64_t>(i);
@@ -358,7 +360,7 @@ private:
       for (const Candidate& c : found)
         if (c.point.distance <= radius_.of(nodes_.facet_size(k), surface_.facets().size[c.facet]))
           ties_.push_back(c);
-      if (const Candidate* c = search_.first_by_name(ties_))
+      if (const Candidate* c = search_.best(ties_, p))
       {
         take(out_, k, surface_, *c, sides_);
         refused_[k] = search_.beside(*c, p);

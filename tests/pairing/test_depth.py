@@ -76,7 +76,8 @@ def test_nodes(cell, kind):
     assert counted == unpaired > 0
 
 
-def test_points_beside_a_corner():
+@pytest.mark.parametrize("distance", (0.01, 0.1))
+def test_points_beside_a_corner(distance):
     """A point that only a corner faces is as far away as the corner, not as a plane through it."""
     msh = box(WORLD, (2, 2), "quadrilateral", [-1.0, -1.0], [0.0, 0.0])
     facets = np.concatenate([plane(msh, axis, 0.0) for axis in (0, 1)])
@@ -84,6 +85,6 @@ def test_points_beside_a_corner():
     angle = np.linspace(0.1, 1.4, 9)
     away = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(9)])
     own = qs.Surface(vector_space(msh), facets=plane(msh, 1, -1.0)).cpp_object
-    found = of_points(0.01 * away, -away, own, corner.cpp_object, 0.5)
-    np.testing.assert_allclose(found.depth, -0.01, rtol=1e-12)
+    found = of_points(distance * away, -away, own, corner.cpp_object, 0.5)
+    np.testing.assert_allclose(found.depth, -distance, rtol=1e-12)
     assert not found.beside.any()
