@@ -535,6 +535,8 @@ def add_products(
 ) -> None:
     """Add Lᵀ D R to a matrix; D has a number for each row, or a matrix [component][component] for each point."""
 
+alike_cosine: float = 0.5
+
 def closest_facets(
     nodes: Surface, surface: Surface, radius: SearchRadius
 ) -> tuple[numpy.typing.NDArray[numpy.uint8], numpy.typing.NDArray[numpy.float64]]:
@@ -591,6 +593,8 @@ def face_tool(
 
 def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
     """Curvature of the facets, [facet][xx, yy, zz, xy, xz, yz]; collective."""
+
+facing_cosine: float = -0.1
 
 def forget_master(points: PairingPoints) -> None:
     """Remove the unknowns of the master."""

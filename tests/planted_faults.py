@@ -966,7 +966,7 @@ FAULTS = [
     ),
     Fault(
         "way out of a bar",
-        "qsdolfinx/contact/passing.py",
+        "qsdolfinx/contact/passed.py",
         "leaves - enters, 0.0)",
         "1.0 - enters, 0.0)",
         "paths through analytic tools: the part after the tool counts, too",

@@ -2,6 +2,7 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "geometry/projection.h"
+#include "search/local_search.h"
 #include "search/passing.h"
 #include "search/winding.h"
 
@@ -42,6 +43,8 @@ void qsdolfinx::bind_search(nb::module_& m)
       "surface"_a, "x"_a, "normal"_a, "facet"_a,
       "Whether places just outside of points of a body's boundary are within the body, [point]; "
       "collective.");
+  m.attr("alike_cosine") = alike_cosine;
+  m.attr("facing_cosine") = facing_cosine;
   m.def(
       "passed_lengths",
       [](const Surface& surface, In<double> start_x, In<double> start, In<double> end,

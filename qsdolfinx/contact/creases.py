@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from qsdolfinx.contact.between_nodes import UNEVEN
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import AnyPlace
 from qsdolfinx.contact.results import mean_penetration
@@ -12,9 +13,6 @@ from qsdolfinx.tools.rigid_surface import AnySurface
 
 #: Depth, in units of the smallest facet, above which sharp edges give a warning.
 NOTICED = 0.02
-
-#: Such a depth in units of the largest weighted gap: a soft penalty allows this everywhere.
-UNEVEN = 3.0
 
 
 def find_crossing_edges(model: ContactModel) -> str | None:

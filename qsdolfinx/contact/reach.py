@@ -9,7 +9,7 @@ import numpy as np
 from qsdolfinx.base.messages import ContactWarning
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.passing import find_passed
+from qsdolfinx.contact.passed import find_passed
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 
 #: Depth, in units of the smallest facet, of nodes without a partner that counts.

@@ -7,7 +7,7 @@ import typing
 from qsdolfinx.contact import depth
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
-from qsdolfinx.contact.passing import find_passed
+from qsdolfinx.contact.passed import find_passed
 from qsdolfinx.contact.placement import Placement
 from qsdolfinx.contact.reach import NOTICED, reach
 from qsdolfinx.surface.deformed import DegenerateFacetsError

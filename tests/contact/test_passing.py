@@ -11,7 +11,7 @@ from dolfinx import mesh
 
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.contact.passing import find_passed
+from qsdolfinx.contact.passed import find_passed
 
 THICK, GAP, RADIUS = 0.04, 0.05, 0.06
 

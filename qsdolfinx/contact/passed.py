@@ -24,14 +24,6 @@ Array = npt.NDArray[np.float64]
 #: path may have cut off a corner that the point has gone around.
 CORNER = 0.01
 
-#: Cosine of the angle (60°) between normals of a point and of the face that it comes out of; the
-#: same for facets in cpp/search/passing.h.
-ALIKE = 0.5
-
-#: Cosine of this angle from which on contact detection finds no pair; the same as facing_cosine in
-#: cpp/search/local_search.h.
-FACING = -0.1
-
 #: Depth, in units of the smallest facet, of points beside the middle of a tool that counts.
 DEEP = 0.5
 
@@ -133,7 +125,9 @@ def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
     first, last = (place.tool.distance(x, place.positions()) for x in (points.start, points.end))
     cosine = np.sum(points.normal * last[1], axis=1)
     came = (last[0] < 0) & (first[0] > OUTSIDE * last[0])
-    unseen = came & ((cosine > ALIKE) | ((cosine > FACING) & (-last[0] > DEEP * size)))
+    unseen = came & (
+        (cosine > _cpp.alike_cosine) | ((cosine > _cpp.facing_cosine) & (-last[0] > DEEP * size))
+    )
     way = np.linalg.norm(points.end - points.start, axis=1)
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
     at = np.flatnonzero(may & (cosine > 0))
@@ -160,7 +154,7 @@ def _part_within(place: ToolPlace, start: Array, end: Array, normal: Array) -> A
         low, high = np.where(left, low, first), np.where(left, second, high)
     deepest = 0.5 * (low + high)
     enters, leaves = (_crossing(distance, deepest, np.full(len(start), s)) for s in (0.0, 1.0))
-    alike = np.sum(normal * distance(leaves)[1], axis=1) > ALIKE
+    alike = np.sum(normal * distance(leaves)[1], axis=1) > _cpp.alike_cosine
     return np.where(alike & (distance(deepest)[0] < 0), leaves - enters, 0.0)
 
 
