@@ -66,7 +66,7 @@ def test_derivative(kind, formulation, state):
     space = KINDS[kind]
     pair = Pair(cell, formulation=formulation, space=space, contact_options=options, wave=0.02)
     _, equations = equations_of(pair)
-    assert errors(equations, *state(equations)) < 1e-7
+    assert errors(equations, *state(equations)) < 1e-8
 
 
 @pytest.mark.parametrize("state", (closed, closed_in_part))
@@ -76,7 +76,7 @@ def test_friction(cell, state):
     options = {"sliding": "finite", "friction": qs.Coulomb(0.3)}
     pair = Pair(cell, contact_options=options, wave=0.02)
     _, equations = equations_of(pair)
-    assert errors(equations, *state(equations)) < 1e-7
+    assert errors(equations, *state(equations)) < 1e-8
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_factors(options):
     options |= {"sliding": "finite", "friction": qs.Coulomb(0.3)}
     pair = Pair("triangle", contact_options=options, wave=0.02)
     _, equations = equations_of(pair)
-    assert errors(equations, *closed_in_part(equations)) < 1e-7
+    assert errors(equations, *closed_in_part(equations)) < 1e-8
 
 
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
@@ -104,7 +104,7 @@ def test_round_tool(cell, friction):
     equations = Equations(problem.system)
     z, scale = near(equations, 5.0)
     assert WORLD.allreduce(int(np.count_nonzero(equations.evaluate(z).passes[0].active))) > 3
-    assert errors(equations, z, scale) < 1e-7
+    assert errors(equations, z, scale) < 1e-8
 
 
 def test_round_tool_on_rings():
@@ -113,7 +113,7 @@ def test_round_tool_on_rings():
     body.clamp(plane(body.mesh, 1, 0.0))
     tool = qs.RigidSurface.sphere(WORLD, [0.0, 1.9], 1.0)
     equations = equations_between([body], body.side(1, 1.0), tool, friction=qs.Coulomb(0.3))
-    assert errors(equations, *near(equations, 5.0)) < 1e-7
+    assert errors(equations, *near(equations, 5.0)) < 1e-8
 
 
 def equations_between(bodies, *surfaces, **options):
@@ -134,7 +134,7 @@ def test_rings(cell):
         body.clamp(plane(body.mesh, 1, at))
     sides = [body.side(1, 1.0) for body in bodies]
     equations = equations_between(bodies, *sides, friction=qs.Coulomb(0.3))
-    assert errors(equations, *closed_in_part(equations, 0.5)) < 1e-7
+    assert errors(equations, *closed_in_part(equations, 0.5)) < 1e-8
 
 
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
@@ -151,4 +151,4 @@ def test_tool_of_facets(cell):
     tool = qs.RigidSurface.triangulated(WORLD, corners, facets)
     top = body.side(gdim - 1, 1.0)
     equations = equations_between([body], top, tool, friction=qs.Coulomb(0.3))
-    assert errors(equations, *closed_in_part(equations, 1.0)) < 1e-7
+    assert errors(equations, *closed_in_part(equations, 1.0)) < 1e-8
