@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import SINGLE
 from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.findings import Check, tell
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
@@ -45,10 +46,6 @@ COARSE = 0.1
 #: pressure of some E h/8R, beside E δ/R of the interference δ. In rings of two meshes pressures are
 #: wrong by 10 % (root mean square) there: ``tests/contact/test_chord_errors.py``.
 THIN = 0.4
-
-#: Chord error over the smallest facet that single precision of coordinates in a file can cause.
-STRAIGHT = 1e-5
-
 
 # --- Few or no nodes are paired
 
@@ -263,7 +260,7 @@ def chord_errors(settings: Settings, thin: float = 0.0) -> ChordErrors | None:
     largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
     slave.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
     error, gap = map(float, largest[2:])
-    if error <= STRAIGHT * settings.facet_size:
+    if error <= SINGLE * settings.facet_size:
         return None
     if gap >= max(error / COARSE, thin * settings.largest_facet):
         return None
@@ -306,7 +303,7 @@ def _text(settings: Settings, found: ChordErrors) -> str:
     """Describe the effect of chord errors on the gap."""
     (slave, master), error, gap = found.of_sides, found.error, found.gap
     beside = "; there is no clearance or interference beside it"
-    if gap > STRAIGHT * error:
+    if gap > SINGLE * error:
         beside = f", {error / gap:.2g} of the clearance or interference ({gap:.3g})"
     chords = (
         f"chord error of the slave's facets ({slave:.2g}) changes"
@@ -387,7 +384,7 @@ def _finer(model: ContactModel, found: ChordErrors) -> str:
     analytic = model.master.is_analytic
     sizes = (sum(model.slave.facet_size_range) / 2,) if analytic else local_sizes(model)
     coarser = int(np.argmax(errors))
-    if sizes is None or allowed <= STRAIGHT * errors[coarser]:
+    if sizes is None or allowed <= SINGLE * errors[coarser]:
         return ""
     size = min(sizes[coarser] * np.sqrt(allowed / errors[coarser]), found.gap / THIN)
     return f"facets of size {size:.2g}"

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.contact.model import TOUCHING, ContactModel
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
+from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place, Placement, is_analytic
 from qsdolfinx.gap.weighted_gap import KINDS, WeightedGap
 from qsdolfinx.pairing.distance import (
@@ -36,9 +37,6 @@ SIDES = ("slave", "master")
 
 #: Digits to which places are rounded, in units of the smallest facet, to order equal depths.
 DIGITS = 9
-
-#: Relative difference below which depths count as equal, so that rounding does not choose.
-EQUAL = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,12 +103,12 @@ def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
                 depth[np.linalg.norm(x - np.array(out[-1].x), axis=1) <= apart] = 0.0
         most = max(float(np.max(depth, initial=0.0)) for *_, depth in samples)
         most = model.comm.allreduce(most, op=MPI.MAX)
-        if most <= max(model.allowed_gap, TOUCHING * apart):
+        if most <= max(model.allowed_gap, ROUNDING * apart):
             break
         found = [
             (tuple(place.tolist()), side)
             for side, x, depth in samples
-            for place in np.round(x[depth >= (1 - EQUAL) * most] / apart, DIGITS) * apart
+            for place in np.round(x[depth >= (1 - SOLVED) * most] / apart, DIGITS) * apart
         ]
         first = min(f for each in model.comm.allgather(sorted(found)[:1]) for f in each)
         out.append(DeepPlace(first[0], most, first[1]))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.contact import results
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.shown import shown
@@ -20,9 +21,6 @@ from qsdolfinx.surface.traction import nodal_forces
 Array = npt.NDArray[np.float64]
 
 Source = typing.Callable[[], fem.Function]
-
-#: Part of a node's area, or of the area that it faces, that may be rounding.
-SOME = 1e-10
 
 
 class Status(enum.IntEnum):
@@ -67,7 +65,7 @@ def faced(p: WeightedGap, rows: Array) -> Faced:
         for vec in vecs:
             vec.destroy()
     area, sums = found
-    reached = area > SOME * master.linear.node_area
+    reached = area > ROUNDING * master.linear.node_area
     return Faced(reached, np.divide(sums, area, out=np.full_like(sums, np.nan), where=reached))
 
 
@@ -157,7 +155,7 @@ def _of_faced_rows(model: ContactModel, side: str) -> npt.NDArray[np.int_]:
     # The force of another constraint may reach a part of a node with an open gap.
     force = faced(p, results.rows_in_contact(model, p).astype(np.float64))
     status = np.where(force.reached, Status.OPEN, Status.UNPAIRED)
-    active = force.mean > SOME  # not where it is NaN
+    active = force.mean > ROUNDING  # not where it is NaN
     status = np.where(active, Status.ACTIVE, status)
     if model.slips:
         found = model.slips[0]

@@ -14,9 +14,9 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, HeldNodes, HeldSlip
-from qsdolfinx.friction.history import AT_REST
 from qsdolfinx.friction.laws import Sticking
 from qsdolfinx.friction.slip import Held
 from qsdolfinx.gap.extension import Extension
@@ -41,9 +41,6 @@ MOST = 0.9
 #: Gap over the smallest facet that conditions may leave at constrained nodes, caused by different
 #: meshes of the same geometry on both sides.
 MEANT = 0.01
-
-#: Component of a normal, or part of a marker, that counts as zero: rounding.
-_NONE = 1e-8
 
 
 def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
@@ -111,7 +108,7 @@ def begin_solve(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None)
     for held in model.held_slips:
         slip = held.slip
         way = np.where(held.held, np.abs(_relative_way(model, held, slave, master)), 0.0)
-        moves = way > AT_REST * model.paired.facet_size
+        moves = way > ROUNDING * model.paired.facet_size
         if model.augmented and isinstance(slip.friction, Sticking):
             _warn_of_stick(model, float(way.max(initial=0.0)))
             moves = np.zeros_like(moves)
@@ -207,7 +204,7 @@ def _way_of_partner(held: HeldSlip, way: PETSc.Vec) -> Array:
 
 def _ratio(sums: Array, weights: Array) -> Array:
     """Weighted means; 0 where nothing has a weight."""
-    some = np.abs(weights) > _NONE
+    some = np.abs(weights) > SOLVED
     return np.divide(sums, weights, out=np.zeros_like(sums), where=some)
 
 
@@ -267,14 +264,14 @@ def _held_on_both_sides(
     for tool in gap.master.tools:
         if tool.driven is not None:  # it moves to the equilibrium of its force
             every = gap.law.jump or tool.driven.turns
-            of_force |= every or np.abs(tool.driven.direction) > _NONE
+            of_force |= every or np.abs(tool.driven.direction) > SOLVED
     own = (_read(gap.slave, slave) != 0) & ~of_force
     at_nodes = _at_nodes(model, gap)
     linear = at_nodes.slave
     held, found = np.zeros((2, len(linear.node_area), linear.block), dtype=bool)
     with _linear(gap, (slave, master)) as of_vertices:
         at = at_nodes.operator.row_node
-        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > _NONE  # rounding marks no unknown
+        held[at] = np.abs(_read(linear, of_vertices[0])[at]) > SOLVED  # rounding marks no unknown
         held[at] &= ~of_force
         if of_vertices[1] is not None:
             held[at] &= _part_of_master(at_nodes, of_vertices[1]) > MOST
@@ -284,7 +281,7 @@ def _held_on_both_sides(
     # node.
     beside = own[row_node]
     if master is not None:
-        least = np.where(_in_corner(by_node), MOST, _NONE)[:, None]
+        least = np.where(_in_corner(by_node), MOST, SOLVED)[:, None]
         beside &= _part_of_master(by_node, master) > least
     is_held, is_found = (_of_vertices(gap.slave, flags)[row_node] for flags in (held, found))
     is_held &= own[row_node]  # also for nodes between constrained nodes
@@ -317,7 +314,7 @@ def _is_held(gap: WeightedGap, marker: PETSc.Vec | None, components: Flags) -> b
     """Whether a deformable master has these components constrained on this rank. Collective."""
     if marker is None or not components.any():
         return False
-    return bool(np.any(np.abs(_part_of_master(gap, marker)[:, components]) > _NONE))
+    return bool(np.any(np.abs(_part_of_master(gap, marker)[:, components]) > SOLVED))
 
 
 @contextlib.contextmanager
@@ -357,7 +354,7 @@ def _of_vertices(surface: Surface, flags: Flags) -> Flags:
     Nodes between vertices have a flag if all of these vertices have it.
     """
     vec = surface.nodal_vec(flags.astype(np.float64))
-    out = _read(surface, vec) > 1 - _NONE
+    out = _read(surface, vec) > 1 - SOLVED
     vec.destroy()
     return np.asarray(out)
 
@@ -380,7 +377,7 @@ def _along_normal(gap: WeightedGap, held: Flags) -> Flags:
     if at.any():
         of_sides = gap.operator.slave_sum[at]
         normal[at] = of_sides / np.linalg.norm(of_sides, axis=1, keepdims=True)
-    return np.asarray(np.all(held | (np.abs(normal) <= _NONE), axis=1, keepdims=True))
+    return np.asarray(np.all(held | (np.abs(normal) <= SOLVED), axis=1, keepdims=True))
 
 
 def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:

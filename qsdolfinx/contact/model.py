@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.penalty import Penalty
@@ -39,9 +40,6 @@ from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid, is_shape
 
 T = typing.TypeVar("T")
-
-#: Gaps smaller than this part of the smallest facet count as closed.
-TOUCHING = 1e-12
 
 #: Part of the multipliers acting at points below which they do not act at points.
 LEAST_PART = 1e-3
@@ -190,7 +188,7 @@ class Paired:
     @property
     def touching(self) -> float:
         """Gap (length) that counts as closed."""
-        return TOUCHING * self.facet_size
+        return ROUNDING * self.facet_size
 
     @property
     def search_radius(self) -> float:

@@ -7,9 +7,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SINGLE, SOLVED
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
-from qsdolfinx.gap.overclosure import TOLERANCE
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_shape
@@ -21,9 +21,6 @@ SOME = 0.5
 
 #: Height range of the master over the depth range of the overclosure below which it is flat.
 FLAT = 0.1
-
-#: Difference of unit normals that counts as rounding.
-PARALLEL = 1e-6
 
 
 def read(model: ContactModel, paired: Paired) -> None:
@@ -37,7 +34,7 @@ def read(model: ContactModel, paired: Paired) -> None:
     overclosure.read(paired.gaps, seen, paired.facet_size)
     overclosure.follow(paired.gaps, seen)  # for sliding before pairs are updated
     overclosure.apply(paired.gaps)
-    if overclosure.depth > TOLERANCE * paired.facet_size:
+    if overclosure.depth > SINGLE * paired.facet_size:
         nodes = overclosure.deep_nodes
         model.overclosed_from = OverclosedStart(
             nodes, seen[0][nodes], model.slave.node_normal[nodes]
@@ -144,7 +141,7 @@ def _is_flat(model: ContactModel, start: OverclosedStart, allowed: float) -> boo
     if is_shape(model.master):
         normal = model.master.distance(x)[1]
         low, high = _range(model.comm, normal)
-        return bool(np.all(high - low <= PARALLEL))
+        return bool(np.all(high - low <= SOLVED))
     facets = model.master.search_object(model.slave).facet_x
     low, high = _range(model.comm, x)
     margin = model.overclosure.depth

@@ -16,6 +16,7 @@ from dolfinx import fem, la
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.messages import ContactWarning
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
@@ -32,9 +33,6 @@ SLOW = 1e-3
 #: Largest relative change of the slip rate, within the first step with slip, for which the assumed
 #: rate is kept; and the factor by which a later step has to be slower for a new rate.
 SAME_RATE, SLOWER = 0.1, 5.0
-
-#: Largest slip in a step, in facet sizes, that counts as rounding.
-AT_REST = 1e-11
 
 
 class FrictionHistory:
@@ -111,7 +109,7 @@ class FrictionHistory:
             return False
         fastest = max(slip.fastest() for slip in slips)
         way = float(self._slave.comm.allreduce(fastest, op=MPI.MAX))
-        if way <= AT_REST * facet_size:
+        if way <= ROUNDING * facet_size:
             return False
         if self.rate is not None:
             change = way / dt / self.rate

@@ -12,15 +12,11 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base.checks import POSITIVE, check, either
+from qsdolfinx.base.rounding import ROUNDING
 
 Array = npt.NDArray[np.float64]
 #: A constant, or a scalar function on the mesh of the slave.
 Parameter: typing.TypeAlias = float | fem.Constant | fem.Function
-
-#: Relative amount by which a trial has to exceed the limit to slip. A node that has slipped starts
-#: the next step on its limit, where rounding would decide whether Newton's method starts from
-#: stick.
-ON_LIMIT = 1e-10
 
 #: Points of time, as parts of the step, at which limits of a changing pressure are averaged.
 CHANGING = (np.arange(8) + 0.5) / 8
@@ -177,7 +173,8 @@ class Limited(Friction):
         eps = rows.penalty[:, None]
         trial = rows.traction + eps * rows.slip
         size = np.linalg.norm(trial, axis=1)
-        slipping = rows.closed & (size > limit * (1 + ON_LIMIT))
+        # A node that has slipped starts the next step on its limit: rounding must not decide.
+        slipping = rows.closed & (size > limit * (1 + ROUNDING))
         if rows.goes_on is not None:
             slipping |= rows.closed & rows.goes_on & (size > 0)
         safe = np.where(size > 0, size, 1.0)

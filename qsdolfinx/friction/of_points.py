@@ -7,6 +7,8 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import ROUNDING
+
 #: Degree of polynomials of the position between two facets. With 1, friction of hexahedra in
 #: partial slip creeps three times as much in steps without motion (test_friction_at_points.py).
 DEGREE = 3
@@ -19,9 +21,6 @@ LEAST_SPREAD, FARTHEST = 0.01, 2.0
 #: Least mean square of a function for its factor to be determined: below it there are too few
 #: points.
 LEAST_SHARE = 1e-3
-
-#: Largest difference of positions that count as the same.
-SAME_PLACE = 1e-9
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -166,7 +165,7 @@ def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:
     return (
         old.keys.shape == keys.shape
         and np.array_equal(old.keys, keys)
-        and bool(np.all(np.abs(old.place - place) <= SAME_PLACE))
+        and bool(np.all(np.abs(old.place - place) <= ROUNDING))
     )
 
 

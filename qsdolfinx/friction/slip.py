@@ -14,6 +14,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows
@@ -39,9 +40,6 @@ FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
 #: Largest relative change in a step of the covered part of a node's area that counts as no change:
 #: the covered area of curved surfaces depends a little on their position.
 SAME_COVER = 1e-2
-
-#: Largest pressure at the start of a step, relative to that at its end, that counts as rounding.
-NO_PRESSURE = 1e-6
 
 
 class Place(typing.NamedTuple):
@@ -613,7 +611,7 @@ class Slip:
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:
         """Constraints without pressure at the start of the step."""
-        return np.asarray(self.state.pressed <= NO_PRESSURE * self.state.pressure)
+        return np.asarray(self.state.pressed <= SOLVED * self.state.pressure)
 
     def respond(self, rows: Rows, means: bool) -> Response:
         """Response of the law for the time in which constraints are active.

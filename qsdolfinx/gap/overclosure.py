@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import FRACTION, check, one_of
 from qsdolfinx.base.collective import checked
+from qsdolfinx.base.rounding import ROUNDING, SINGLE
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
@@ -19,15 +20,8 @@ Array = npt.NDArray[np.float64]
 
 TREATMENTS = ("resolve", "ignore", "error")
 
-#: Overclosure that ``"error"`` accepts, in units of the smallest facet: coordinates from a file in
-#: single precision have errors of about this size.
-TOLERANCE = 1e-5
-
 #: Relative difference up to which depths count as equal: rounding, and facets that are chords.
 EVEN = 1e-3
-
-#: Part of the area of a node up to which a covered area may be rounding.
-_SOME = 1e-10
 
 
 class Overclosure:
@@ -82,7 +76,7 @@ class Overclosure:
         comm = passes[0].slave.comm
         deepest = max(float(np.max(-p.points.gap, initial=0.0)) for p in passes)
         self.depth = abs(float(comm.allreduce(deepest, op=MPI.MAX)))  # no -0.0
-        if self.treatment == "error" and self.depth > TOLERANCE * facet_size:
+        if self.treatment == "error" and self.depth > SINGLE * facet_size:
             places = [place for p in passes for place in _places(p, self.depth)]
             place = min(place for found in comm.allgather(places) for place in found)
             raise ValueError(
@@ -100,7 +94,7 @@ class Overclosure:
         low, high = float(bounds[0]), -float(bounds[1])
         if low <= high:
             self.least = low
-            self.is_even = high - low <= max(EVEN * high, TOLERANCE * facet_size)
+            self.is_even = high - low <= max(EVEN * high, SINGLE * facet_size)
         self._zones = [
             _box(comm, x[_of_nodes(depth) > 0], max(self.depth, _reach(p)))
             for p, x, depth in zip(passes, seen, self._at_first, strict=True)
@@ -173,7 +167,7 @@ def _depths(p: WeightedGap) -> Array:
         faces: Array = np.ones(len(depth))
         faces[len(depth) - len(p.cut.alone.weight) :] = 0.0
         cover, sums = p.rows.sums(faces), p.rows.sums(faces * depth)
-        some = cover > _SOME * p.slave.node_area[:, None]
+        some = cover > ROUNDING * p.slave.node_area[:, None]
         means = np.divide(sums, cover, out=np.zeros_like(sums), where=some)
         deeper = p.rows.largest_of_sides(faces * (depth - p.rows.from_sides(means)))
         return np.where(some, means + np.maximum(deeper, 0.0), np.nan)
@@ -181,7 +175,7 @@ def _depths(p: WeightedGap) -> Array:
         found = np.maximum(p.rows.projected(_depths_of_points(p)[:, None]), 0.0)
         return np.where(p.rows.covered, found.reshape(p.rows.covered.shape), np.nan)
     share = p.cover_share
-    some = share > _SOME
+    some = share > ROUNDING
     gap = np.divide(-p.operator.initial_gap, share, out=np.zeros(p.num_rows), where=some)
     has_partner = p.rows.largest_on_nodes(some.astype(np.float64)) > 0
     return np.where(has_partner, p.rows.largest_on_nodes(gap), np.nan)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.surface.surface import Surface
 
@@ -22,9 +23,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Where the contact law is evaluated: for the weighted gaps of nodes, or for the gaps of points.
 CONSTRAINTS = ("nodes", "points")
-
-#: Part of the area of a node up to which a covered area may be rounding.
-_SOME = 1e-10
 
 #: Part of the area of a side of a node; with a smaller covered area a multiplier is not determined.
 LEAST_COVER = 0.1
@@ -248,7 +246,7 @@ class PointRows(Rows):
         #: The same for nodes: the covered part of S_k.
         self.cover: Array = self.cover_of_sides.sum(axis=1)
         #: Whether a patch of a node is covered at least in part, shape (nodes, block).
-        self.covered: Flags = self.cover_of_sides > _SOME * slave.node_area[:, None]
+        self.covered: Flags = self.cover_of_sides > ROUNDING * slave.node_area[:, None]
 
     def areas(self, now: Array, paired: Array) -> Array:
         """Weights of the points, with the parts N_k scaled by the change of area of node k."""
@@ -257,7 +255,7 @@ class PointRows(Rows):
     @property
     def reached(self) -> npt.NDArray[np.int64]:
         """Nodes that are covered at least in part. Not collective."""
-        return np.flatnonzero(self.cover > _SOME * self.slave.node_area)
+        return np.flatnonzero(self.cover > ROUNDING * self.slave.node_area)
 
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
         """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; for flags whether any is set."""
@@ -267,7 +265,7 @@ class PointRows(Rows):
         means = np.full((len(self.cover), len(sums)), missing, dtype=np.float64)
         at = self.reached
         means[at] = np.column_stack(sums)[at] / self.cover[at, None]
-        out = means > _SOME if flags else means
+        out = means > ROUNDING if flags else means
         return np.asarray(out.reshape(len(out), *values.shape[1:]))
 
     def largest_on_nodes(self, values: Array) -> Array:
@@ -306,7 +304,9 @@ class PointRows(Rows):
         some = np.column_stack([np.where(which[:, None], values, 0.0), values, which])
         means, gdim = self.on_nodes(some, 0.0).astype(np.float64), values.shape[1]
         part = means[:, -1:]
-        return np.where(part > _SOME, means[:, :gdim] / np.maximum(part, _SOME), means[:, gdim:-1])
+        return np.where(
+            part > ROUNDING, means[:, :gdim] / np.maximum(part, ROUNDING), means[:, gdim:-1]
+        )
 
     # --- Vectors of the patches of a node in one row, (nodes, block · gdim)
 

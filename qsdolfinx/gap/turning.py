@@ -11,15 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.tie import Places
 from qsdolfinx.surface.affine import EDGES, trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
 
 Array = npt.NDArray[np.float64]
-
-#: Largest gap, in units of the smallest facet, that counts as rounding.
-NONE = 1e-12
 
 #: Vertices of the reference facets, by the number of vertices.
 _CORNERS = {
@@ -76,7 +74,7 @@ class Turning:
         self._with = ~on_master, on_master
         x = self._at_points(places)
         gap = x[0] - x[1]
-        none = NONE * min(s.facet_size_range[0] for s in self._surfaces)
+        none = ROUNDING * min(s.facet_size_range[0] for s in self._surfaces)
         gap[np.linalg.norm(gap, axis=1) <= none] = 0.0
         #: Gap d of each point in the frame of its facet, (points, 3).
         self._local: list[Array] = []

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.pairing.ahead import (
     FLAT,
     PRESSED_FLAT,
@@ -37,15 +38,9 @@ ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
 #: the end of the edge protrudes.
 UPRIGHT = float(np.cos(np.pi / 9))
 
-#: Part of an edge within which a point counts as its end: rounding.
-ROUNDING = 1e-9
-
 #: Part of the shorter edge within which a crossing counts as at the end of the sharp edge, or as
 #: the same as another crossing.
 AT_END = 0.1
-
-#: Distance over the facet size up to which points count as the same: rounding.
-SAME = 1e-6
 
 #: Largest depth of a crossing over the distance from the sharp edge to the closest point of the
 #: other surface: the points on the faces detect wedges sharper than about 6°.
@@ -371,7 +366,7 @@ def _lead_through(
     there = others.some(found.edge).at(found.places[:, 1])
     depth = np.sum((x - there) * found.normal, axis=1)
     shortest = np.linalg.norm(closest["x"] - x, axis=1)
-    rounding = SAME * role.slave.facet_size_range[0]
+    rounding = SOLVED * role.slave.facet_size_range[0]
     is_out = np.sum((x - closest["x"]) * closest["mean_normal"], axis=1) > rounding
     leads = (depth > WAYS * shortest + rounding) | (is_out & (depth > rounding))
     return np.asarray(closest["found"].astype(bool) & leads)
@@ -391,7 +386,7 @@ def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
     offset = np.linalg.norm(away - (height / length)[:, None] * mean, axis=1)
     # If all facets at an edge face the point, it is in the cone of their normals.
     cone = np.sqrt(np.maximum(1 - length**2, 0.0)) / length
-    return np.asarray(offset > cone * np.abs(height) + SAME * size)
+    return np.asarray(offset > cone * np.abs(height) + SOLVED * size)
 
 
 def _leads_away(edges: Edges, normal: Array, flat: float = FLAT) -> Flags:

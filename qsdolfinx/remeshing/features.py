@@ -9,6 +9,7 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.remeshing.errors import RemeshError
 from qsdolfinx.remeshing.outline import listed
 
@@ -16,21 +17,10 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Edge = tuple[int, int]
 
-#: Largest distance of a plane region's nodes from the plane, over the region's size.
-FLAT = 1e-7
-
 #: Part of a plane's extent to which its level is rounded if the plane is normal to an axis: a level
 #: that is 0 or another round number up to rounding errors becomes this number
 #: (test_a_mesh_that_stays_is_the_same_mesh).
 ROUNDING = 1e-14
-
-#: Differences of angles (radians), and relative differences of lengths, that count as zero. Solver
-#: errors then do not decide about corners whose angle is exactly the requested one
-#: (test_angles_that_are_just_those_asked_for).
-SAME = 1e-6
-
-#: Component of a unit normal that counts as rounding error: the plane is normal to an axis.
-ALIGNED = 1e-6
 
 #: Lines of sharp edges that end within a region and are shorter than this, in sizes of cells there,
 #: are noise.
@@ -87,7 +77,7 @@ def find_features(
     normals = normals / np.maximum(length, 1e-300)
     cosine = np.sum(normals[first] * normals[second], axis=1)
     border = tags[first] != tags[second]
-    kept = border | (cosine < np.cos(angle + SAME))
+    kept = border | (cosine < np.cos(angle + SOLVED))
     kept[kept] = _without_noise(x, edges[kept], border[kept], sizes)
     region = _regions(len(triangles), first[~kept], second[~kept])
     lines, corners = _lines(x, edges[kept], angle)
@@ -132,7 +122,7 @@ def _without_noise(x: Array, edges: Indices, border: npt.NDArray[np.bool_], size
                 if len(rest) != 1 or rest[0] in chain:
                     break
                 chain.append(rest[0])
-            if length < SHORT * sizes[end] * (1 - SAME) and not border[chain].any():
+            if length < SHORT * sizes[end] * (1 - SOLVED) and not border[chain].any():
                 keep[chain] = False
                 dropped = True
         if not dropped:
@@ -164,7 +154,7 @@ def _lines(x: Array, edges: Indices, angle: float) -> tuple[dict[Edge, int], set
         if len(others) == 2:
             u, v = x[node] - x[others[0]], x[others[1]] - x[node]
             cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-300)
-            if cosine < np.cos(angle + SAME):
+            if cosine < np.cos(angle + SOLVED):
                 corners.add(node)
     lines: dict[Edge, int] = {}
     number = 0
@@ -204,7 +194,7 @@ def _planes(x: Array, triangles: Indices, region: Indices) -> dict[int, Plane]:
 def _are_one(first: Plane, second: Plane, at: Array, size: float) -> bool:
     """Whether two planes coincide near a point of the second, relative to the body's size."""
     apart = abs(first.level - first.normal @ at)
-    return bool(np.linalg.norm(first.normal - second.normal) < SAME and apart < FLAT * size)
+    return bool(np.linalg.norm(first.normal - second.normal) < SOLVED and apart < SOLVED * size)
 
 
 def planes_of_copy(features: Features, x: Array, triangles: Indices) -> dict[int, Plane]:
@@ -247,10 +237,10 @@ def plane_of(points: Array, normal: Array) -> Plane | None:
         return None
     n = np.asarray(normal / size, dtype=np.float64)
     axis = int(np.argmax(np.abs(n)))
-    if np.abs(np.delete(n, axis)).max() < ALIGNED:
+    if np.abs(np.delete(n, axis)).max() < SOLVED:
         n = np.asarray(np.sign(n[axis]) * np.eye(3)[axis], dtype=np.float64)
     heights, extent = points @ n, float(np.linalg.norm(np.ptp(points, axis=0)))
-    if np.ptp(heights) > FLAT * extent:
+    if np.ptp(heights) > SOLVED * extent:
         return None
     level = float(np.median(heights))
     if np.count_nonzero(n) == 1:

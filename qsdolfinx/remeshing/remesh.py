@@ -26,6 +26,7 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.compat import cell_nodes, coordinate_element
 from qsdolfinx.remeshing.errors import RemeshError, on_root
 from qsdolfinx.remeshing.features import Plane, find_features, planes_of_copy
@@ -45,13 +46,6 @@ Indices = npt.NDArray[np.int64]
 
 #: Largest relative change of the volume by a new mesh.
 VOLUME = 1e-4
-
-#: Largest relative difference between the volume of the cells and the volume enclosed by the
-#: boundary.
-FILLED = 1e-6
-
-#: Largest negative radius due to rounding errors, over the body's size.
-AXIS = 1e-9
 
 #: Number of cells above which the sizes are probably a mistake, for example of units.
 MOST_CELLS = 2e7
@@ -190,7 +184,7 @@ def remesh(
     turned = msh.comm.allreduce(_num_turned(msh, x), op=MPI.SUM)
     with collective_errors(msh.comm):
         require(turned == 0, f"body: the displacement turns {turned} cells inside out")
-        rounding = AXIS * np.abs(x).max(initial=0.0)
+        rounding = ROUNDING * np.abs(x).max(initial=0.0)
         on_one_side = not axisymmetric or x[:, 0].min(initial=0.0) >= -rounding
         require(on_one_side, "axisymmetric: r, the first coordinate, must not be negative")
     outline = gather(msh, x, nodal_sizes(msh, x, size), facet_tags)
@@ -337,7 +331,7 @@ def _check_filled(x: Array, cells: Indices, enclosed: float) -> None:
     gdim = cells.shape[1] - 1
     edges = (x[cells[:, 1:]] - x[cells[:, :1]])[..., :gdim]
     filled = float(np.abs(np.linalg.det(edges)).sum()) / (2.0 if gdim == 2 else 6.0)
-    if abs(filled / enclosed - 1) > FILLED:
+    if abs(filled / enclosed - 1) > SOLVED:
         raise RemeshError.at(
             f"the cells fill {filled / enclosed:.6g} of the volume in the boundary; the body is",
             x.mean(axis=0),

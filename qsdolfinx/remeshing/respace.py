@@ -10,16 +10,14 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.remeshing.errors import RemeshError
-from qsdolfinx.remeshing.features import SAME, Plane, plane_of
+from qsdolfinx.remeshing.features import Plane, plane_of
 from qsdolfinx.remeshing.outline import Outline, listed
 from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
-
-#: Radius, over the size of the body, below which a node is on the axis.
-ON_AXIS = 1e-7
 
 #: Part of a segment by which a chain may be too short for one more segment: rounding to the lattice
 #: then does not decide in the middle between two numbers.
@@ -116,12 +114,12 @@ def _chains(outline: Outline, angle: float, axisymmetric: bool) -> list[_Chain]:
     out_of = {a: i for i, a in enumerate(listed(facets[:, 0]))}
     kind = [(int(tag), False) for tag in outline.tags]
     if axisymmetric:
-        axis = np.all(x[facets, 0] <= ON_AXIS * np.ptp(x, axis=0).max(), axis=1)
+        axis = np.all(x[facets, 0] <= SOLVED * np.ptp(x, axis=0).max(), axis=1)
         kind = [(tag, bool(on)) for (tag, _), on in zip(kind, axis, strict=True)]
     direction = x[facets[:, 1]] - x[facets[:, 0]]
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
     following = np.array([out_of[int(b)] for b in facets[:, 1]])
-    turns = np.sum(direction * direction[following], axis=1) < np.cos(angle + SAME)
+    turns = np.sum(direction * direction[following], axis=1) < np.cos(angle + SOLVED)
     is_corner = {
         int(facets[i, 1]) for i in range(len(facets)) if turns[i] or kind[i] != kind[following[i]]
     }

@@ -20,8 +20,8 @@ from qsdolfinx.base.checks import (
     require,
 )
 from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.compat import cell_nodes
-from qsdolfinx.remeshing.features import SAME
 from qsdolfinx.remeshing.outline import Outline, gather, listed
 from qsdolfinx.remeshing.reference import Triangles, closest_on_segments
 from qsdolfinx.tools.rigid_surface import RigidSurface
@@ -194,7 +194,7 @@ def _curved(outline: Outline, angle: float) -> Array:
             continue
         first, second = pair
         turn = float(np.arccos(np.clip(normal[first] @ normal[second], -1.0, 1.0)))
-        if 0 < turn <= np.pi / 4 + SAME:
+        if 0 < turn <= np.pi / 4 + SOLVED:
             radius = float(np.linalg.norm(middle[first] - middle[second])) / turn
             nodes = list(ridge)
             out[nodes] = np.minimum(out[nodes], angle * radius)

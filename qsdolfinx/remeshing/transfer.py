@@ -14,14 +14,12 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.base.checks import FLAG, FUNCTION, POSITIVE, check, either, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.compat import cell_nodes
 from qsdolfinx.remeshing.bounded import is_of_points, project
 from qsdolfinx.remeshing.sizes import where
 
 Array = npt.NDArray[np.float64]
-
-#: Tolerance for a point in a cell, over the mesh's size.
-WITHIN = 1e-10
 
 #: Shift of a mesh, over its largest cell, and its direction, which is parallel to no face of a
 #: usual mesh.
@@ -29,9 +27,6 @@ ASIDE, _SOMEWHERE = 1e-6, np.array([0.53, 0.71, 0.46])
 
 #: Size of the largest cell of a mesh that is magnified.
 LARGE = 1e3
-
-#: Largest error of the constant function 1 after the transfer.
-ONE = 1e-6
 
 SPACE = instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace")
 
@@ -184,7 +179,7 @@ class Search:
         x = old.geometry.x
         mine = float(np.ptp(x, axis=0).max()) if len(x) else 0.0  # a rank may have no cells
         size = float(new.comm.allreduce(mine, op=MPI.MAX))
-        self._paddings = [WITHIN * size, min(0.02 * reach, reach), reach]
+        self._paddings = [ROUNDING * size, min(0.02 * reach, reach), reach]
 
     def interpolate(self, function: fem.Function, out: fem.Function, scale: float = 1.0) -> None:
         """Interpolate a function on the old mesh into one on the new mesh. Collective.
@@ -211,7 +206,7 @@ class Search:
             data = fem.create_interpolation_data(V_new, V, self._cells, padding=padding)
             found.x.array[:] = 0.0
             found.interpolate_nonmatching(one, self._cells, data)
-            lost = np.abs(found.x.array - expected.x.array) > ONE
+            lost = np.abs(found.x.array - expected.x.array) > SOLVED
             if not V_new.mesh.comm.allreduce(bool(lost.any()), op=MPI.LOR):
                 break
         else:

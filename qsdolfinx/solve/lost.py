@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.surface.unknowns import owned_vertices
 from qsdolfinx.system.rigid_modes import displacement_space
@@ -20,12 +21,6 @@ Array = npt.NDArray[np.float64]
 #: Number of translations by number of rigid modes. Translations come first; an axisymmetric body
 #: has one mode.
 _TRANSLATIONS = {1: 1, 3: 2, 6: 3}
-
-#: Force of a translation, over the force that holds a node against it, that is rounding error.
-_NO_FORCE = 1e-10
-
-#: Part of a motion's amplitude in a body that counts as zero.
-_NONE = 1e-8
 
 
 def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
@@ -47,7 +42,7 @@ def is_a_body_lost(system: ContactSystem, start: Array) -> bool:
     moved = [_moved(system, i, change) for i, change in enumerate(changes)]
     means, most = (np.array(each) for each in zip(*moved, strict=True))
     for i in range(len(changes)):
-        free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > _NONE
+        free = np.abs(motions[first[i] : first[i + 1]]).max(initial=0.0) > SOLVED
         if free and _contacts(system, i) and not _is_tied(system, i):
             far = means[i] > _room(system, i, most)
             if far and _is_at_home_anywhere(system, i, changes[i]):
@@ -73,7 +68,7 @@ def _is_at_home_anywhere(system: ContactSystem, i: int, change: Array) -> bool:
     ])  # fmt: skip
     system.comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MAX)
     force, stiffness, size = found
-    return bool(force <= _NO_FORCE * stiffness * size)
+    return bool(force <= ROUNDING * stiffness * size)
 
 
 def _free_translations(system: ContactSystem, i: int) -> Array:
@@ -84,9 +79,9 @@ def _free_translations(system: ContactSystem, i: int) -> Array:
     motions = rigid.free_motions[first : first + count]
     # Motions without a rotation.
     _, size, across = np.linalg.svd(motions[num:], full_matrices=True)
-    turning = np.count_nonzero(size > _NONE)
+    turning = np.count_nonzero(size > SOLVED)
     directions, size, _ = np.linalg.svd(motions[:num] @ across[turning:].T, full_matrices=False)
-    return np.asarray(directions[:, size > _NONE])
+    return np.asarray(directions[:, size > SOLVED])
 
 
 def _room(system: ContactSystem, i: int, moved: Array) -> float:

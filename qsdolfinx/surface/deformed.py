@@ -11,15 +11,13 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
 T = typing.TypeVar("T", np.float64, np.int64)
-
-#: Largest size of a facet, in units of its size in the mesh, that counts as zero (rounding).
-VANISHED = 1e-13
 
 #: Linear facets into which a facet is split, by its number of vertices and its degree.
 _PIECES = {
@@ -109,7 +107,7 @@ def _check(x: Array, meshed: Array) -> None:
     if not np.isfinite(x).all():
         raise ValueError("displacements of contact facets are not finite (NaN, infinity)")
     width, before = (np.ptp(facets, axis=1).max(axis=1) for facets in (x, meshed))
-    vanished = int(np.count_nonzero(width <= VANISHED * before))
+    vanished = int(np.count_nonzero(width <= ROUNDING * before))
     if flat := max(vanished, _cpp.count_degenerate(x.shape[1], x)):
         raise ValueError(
             f"{flat} deformed contact facets are degenerate (zero area, or not convex), so that "

@@ -10,21 +10,12 @@ import numpy.typing as npt
 from dolfinx import mesh
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 Facets = npt.NDArray[np.int32]
-
-#: Largest sum of area vectors over the area for a surface to count as closed.
-CLOSED = 1e-8
-
-#: Relative difference of second moments, and size of third moments over their largest possible
-#: value, below which axes are not determined by the body: rounding, which must not decide.
-EQUAL = 1e-6
-
-#: Largest radius over the facet size for a facet to count as on the axis.
-ON_AXIS = 1e-12
 
 
 def boundary_of(surface: Surface) -> Surface:
@@ -58,7 +49,7 @@ def boundary_of(surface: Surface) -> Surface:
     if not surface.axisymmetric:
         local = np.append(area.sum(axis=0), size.sum())
         total = surface.comm.allreduce(local, op=MPI.SUM)
-        if np.linalg.norm(total[:3]) > CLOSED * total[3]:
+        if np.linalg.norm(total[:3]) > SOLVED * total[3]:
             raise ValueError(
                 "slave and master: contact of a surface with itself needs a closed boundary of the "
                 "mesh to know what is inside, and it is not closed: are cells turned inside out?"
@@ -85,12 +76,12 @@ def _frame(comm: MPI.Intracomm, x: Array, area: Array) -> tuple[Array, Array]:
     away = x - centre
     moments = total(area[:, None, None] * away[:, :, None] * away[:, None, :])
     sizes, axes = np.linalg.eigh(moments)
-    if np.diff(sizes).min() < EQUAL * sizes.max():
+    if np.diff(sizes).min() < SOLVED * sizes.max():
         return centre, np.eye(3)
     along = away @ axes
     third, most = (total(area[:, None] * f(along) ** 3) for f in (np.asarray, np.abs))
     fixed = axes[np.argmax(np.abs(axes), axis=0), np.arange(3)]
-    return centre, axes * np.sign(np.where(np.abs(third) > EQUAL * most, third, fixed))
+    return centre, axes * np.sign(np.where(np.abs(third) > SOLVED * most, third, fixed))
 
 
 def _off_axis(surface: Surface, facets: Facets) -> Facets:
@@ -99,4 +90,4 @@ def _off_axis(surface: Surface, facets: Facets) -> Facets:
     tdim = msh.topology.dim
     x = mesh.entities_to_geometry(msh, tdim - 1, facets)
     r = msh.geometry.x[x, 0].max(axis=1)
-    return np.asarray(facets[r > ON_AXIS * surface.facet_size_range[0]], dtype=np.int32)
+    return np.asarray(facets[r > ROUNDING * surface.facet_size_range[0]], dtype=np.int32)

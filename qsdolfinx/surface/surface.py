@@ -15,6 +15,7 @@ from dolfinx import fem, la, mesh
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import FLAG, FUNCTION, check, check_array, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.compat import collapse, is_sub_space
 from qsdolfinx.surface.arguments import (
     FACET_VERTICES,
@@ -33,10 +34,6 @@ from qsdolfinx.surface.unknowns import block_of, first_vertex_unknowns, is_lagra
 Coordinates = tuple[
     npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64] | None
 ]
-
-#: Largest distance of nodes of degree 2 from straight facets, over the facet size, that is
-#: rounding.
-STRAIGHT = 1e-12
 
 #: Attributes that are listed by ``dir`` and tab completion.
 PUBLIC = (
@@ -207,7 +204,7 @@ class Surface:
         over = nodes - np.asarray(_cpp.relief_nodes(self.cpp_object))
         heights = np.sum(over * np.asarray(_cpp.relief_normals(self.cpp_object)), axis=2)
         largest = self.comm.allreduce(np.max(np.abs(heights), initial=0.0), op=MPI.MAX)
-        if largest > STRAIGHT * self.facet_size_range[1]:
+        if largest > ROUNDING * self.facet_size_range[1]:
             self._heights, self.largest_height = heights, float(largest)
 
     @property

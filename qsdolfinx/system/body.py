@@ -16,6 +16,7 @@ from dolfinx import cpp, fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
 from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
@@ -23,11 +24,6 @@ from qsdolfinx.system.compiling import Compiling
 from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
-
-#: Deviation of constrained unknowns from their values, relative to the largest unknown, that counts
-#: as small.
-NEARLY = 1e-6
-
 
 _BLOCKS = PETSc.Mat.Type.BAIJ, PETSc.Mat.Type.SEQBAIJ, PETSc.Mat.Type.MPIBAIJ
 
@@ -359,7 +355,7 @@ class Body:
         """
         x, u, g = self.u.x.array, self.u.x.array[self.constrained], self._g.array[self.constrained]
         off = np.abs(u - g).max(initial=0.0)
-        if off == 0 or off > NEARLY * np.abs(x).max():
+        if off == 0 or off > SOLVED * np.abs(x).max():
             return self._assemble_vector(lift=bool(off > 0))
         x[self.constrained] = g
         out = self._assemble_vector()

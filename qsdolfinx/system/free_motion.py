@@ -9,6 +9,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.surface.unknowns import owned_vertices
@@ -22,9 +23,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Value added to the diagonal of the tangent, relative to its mean.
 SHIFT = 1e-9
-
-#: Stiffness of a motion that counts as zero, relative to that with every contact active.
-_NONE = 1e-10
 
 
 class Hold:
@@ -101,7 +99,7 @@ class Hold:
         comm: MPI.Intracomm = self._bodies[0].comm
         stiffness, whole = comm.allreduce(np.array([stiffness, whole]), op=MPI.SUM)
         values, vectors = np.linalg.eigh(stiffness)
-        return np.asarray(self._motions @ vectors[:, values <= _NONE * np.trace(whole)])
+        return np.asarray(self._motions @ vectors[:, values <= ROUNDING * np.trace(whole)])
 
     def add_to(self, tangent: Tangent) -> None:
         """Add the value to the diagonal blocks of bodies in such motions. Collective.

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.base.timing import Span, Stopwatch, spans
 from qsdolfinx.contact import active_set, terms
 from qsdolfinx.contact.model import ContactModel
@@ -24,9 +25,6 @@ from qsdolfinx.system.matrices import Form, Matrices
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
-
-#: Part of a motion's amplitude below which a body does not take part in the motion.
-NOT_IN_IT = 1e-8
 
 
 class ContactSystem:
@@ -165,7 +163,7 @@ class ContactSystem:
         ends = np.cumsum([0, *(len(modes) for modes in rigid.modes)])
         motions = rigid.free_motions
         free = [np.abs(motions[a:b]).max(initial=0.0) for a, b in itertools.pairwise(ends)]
-        return [i for i, size in enumerate(free) if size > NOT_IN_IT]
+        return [i for i, size in enumerate(free) if size > SOLVED]
 
     def fits_pattern(self) -> bool:
         """Whether the patterns of matrices contain contact at present positions. Collective."""

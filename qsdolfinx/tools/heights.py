@@ -9,14 +9,13 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
+from qsdolfinx.base.rounding import SINGLE
 from qsdolfinx.tools.shapes import Shape
 
 Array = npt.NDArray[np.float64]
 
 #: Largest distance of vertices from a shape, over the chord error.
 OFF = 0.1
-#: Alternative limit over the facet size, for coordinates from a file in single precision.
-ROUNDED = 1e-5
 #: Largest chord error, in facet sizes: an arc of 60°.
 COARSEST = 0.14
 
@@ -75,7 +74,7 @@ def check_near(
         "turn by more than 60°",
     )
     require(
-        off <= OFF * chord + ROUNDED * size,
+        off <= OFF * chord + SINGLE * size,
         f"{argument}: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
         f"is {chord:.2g}: name the surface that they are on, or take {kind}.fit",
     )

@@ -55,6 +55,10 @@ E = 100.0
 #: Forces that count as zero, over the modulus times the area of a facet.
 NO_FORCE = 1e-6
 
+#: The same, over the largest force at the other nodes of its facets: forces at a corner turn the
+#: facets around the nodes beside it, and a point near one end of a facet acts a little on the other.
+LITTLE = 1e-3
+
 #: Allowed depth and distance over the size of facets, and the addition where facets are rotated.
 DEPTH, PER_TURN = 0.1, 0.25
 
@@ -488,7 +492,9 @@ class Crumpled:
         for parts, node in zip(boundary.around(), boundary.nodes, strict=True):
             f = forces[node]
             size = np.linalg.norm(f)
-            if size <= NO_FORCE * unit * 10 or self.is_held[self.number[node]]:
+            beside = np.linalg.norm(forces[boundary.simplices[parts].ravel()], axis=1).max()
+            none = max(10 * NO_FORCE * unit, LITTLE * beside)
+            if size <= none or self.is_held[self.number[node]]:
                 continue
             open_by = (gap[parts] - allowed[parts]).min()
             place = f"node {node} at {np.round(boundary.x[node], 4)}, force {f}"

@@ -30,8 +30,8 @@ POINTS = EXACT | {"constraints": "points"}
 SOFT_POINTS = SOFT | {"quadrature": "overlay", "constraints": "points"}
 
 
-#: Steps of the differences, relative to the size of the direction: the first has the least rounding,
-#: the others cross fewer kinks.
+#: Steps of the differences, relative to the size of the direction: the first has the least
+#: rounding, the others cross fewer kinks.
 STEPS = (1e-4, 1e-5, 1e-6)
 
 
