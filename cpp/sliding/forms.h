@@ -145,6 +145,11 @@ inline std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
   return a;
 }
 
+inline std::array<Vec3, 2> tangents_at(const RayFacet& facet, const Vec2& xi)
+{
+  return tangents(facet, facet_vertex(facet.x, 0), trace_gradients(facet.type, facet.degree, xi));
+}
+
 inline Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
 {
   const auto N = trace_functions(facet.type, facet.degree, xi);
