@@ -373,14 +373,15 @@ struct Frame
   }
 
   /// Add the gradient of c·(s₁ e₁ + s₂ e₂) by the nodes of the facet, s constant.
-  void add_to(const Normal& normal, const Vec3& c, const Vec2& s, double* row, int stride) const
+  template <int stride>
+  void add_to(const Normal& normal, const Vec3& c, const Vec2& s, double* row) const
   {
     // c·δe₁ = k·δd₁ with k = (c − e₁ (e₁·c))/|d₁|, and c·δe₂ = c·(δn × e₁) + c·(n × δe₁).
     const Vec3 with_first = s[0] * c + s[1] * cross(c, n);
     const Vec3 k = 1 / length * (with_first - dot(e[0], with_first) * e[0]);
     add(row, -1, k);
     add(row + stride, 1, k);
-    normal.add_to(s[1] * cross(e[0], c), row, stride);
+    normal.add_to<stride>(s[1] * cross(e[0], c), row);
   }
 
   Vec3 n, edge;
@@ -477,10 +478,10 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
       Vec3 axis{};
       axis[r] = 1;
       ray.add_to(columns, slides[r], gradient + 3 * r, 9);
-      normal.add_to(ray.t * slides[r], gradient + 9 * columns.along + 3 * r, 9);
-      now.add_to(normal, axis, s, gradient + 9 * columns.along + 3 * r, 9);
+      normal.add_to<9>(ray.t * slides[r], gradient + 9 * columns.along + 3 * r);
+      now.add_to<9>(normal, axis, s, gradient + 9 * columns.along + 3 * r);
       ray.add_to(columns, works[r], work + 3 * r, 9);
-      normal.add_to(ray.t * works[r], work + 9 * columns.along + 3 * r, 9);
+      normal.add_to<9>(ray.t * works[r], work + 9 * columns.along + 3 * r);
     }
   }
 }

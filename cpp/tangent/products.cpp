@@ -31,6 +31,8 @@ public:
   const std::vector<PetscInt>& columns() const { return columns_; }
   /// Values of row k in these columns.
   const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
+  /// The first column in which row k may have values, and the one after the last.
+  const std::pair<std::size_t, std::size_t>& range(std::size_t k) const { return ranges_[k]; }
 
 private:
   /// Consecutive columns.
@@ -69,13 +71,17 @@ private:
   {
     runs_.clear();
     found_.clear();
+    std::vector<std::size_t> ends;
     for (std::size_t k = 0; k < count; ++k)
+    {
       rows.visit_runs(first + k,
                       [&](const PetscInt* columns, const double*, std::size_t size, double)
                       {
                         runs_.push_back({columns, size, found_.size()});
                         found_.insert(found_.end(), columns, columns + size);
                       });
+      ends.push_back(found_.size());
+    }
     columns_ = found_;
     std::erase_if(columns_, [](PetscInt c) { return c < 0; });
     std::ranges::sort(columns_);
@@ -88,12 +94,21 @@ private:
                              const auto at = std::ranges::lower_bound(columns_, c);
                              return c < 0 ? -1 : static_cast<std::int32_t>(at - columns_.begin());
                            });
+    ranges_.assign(count, {0, 0});
+    for (std::size_t k = 0, i = 0; k < count; ++k)
+      for (auto& [begin, end] = ranges_[k]; i < ends[k]; ++i)
+        if (const auto at = static_cast<std::size_t>(place_[i]); place_[i] >= 0)
+        {
+          begin = end > 0 ? std::min(begin, at) : at;
+          end = std::max(end, at + 1);
+        }
   }
 
   std::size_t size_ = 0;
   std::vector<PetscInt> found_, columns_;
   std::vector<Run> runs_;
   std::vector<std::int32_t> place_; ///< of each found column, -1 for ignored ones
+  std::vector<std::pair<std::size_t, std::size_t>> ranges_;
   std::vector<double> values_;
 };
 
@@ -103,11 +118,15 @@ class Blocks
 public:
   explicit Blocks(RowSums& sums) : sums_(sums) {}
 
-  void begin(const std::vector<PetscInt>& rows, const std::vector<PetscInt>& columns)
+  /// Begin a block of points whose rows have the columns of these rows.
+  void begin(const DenseRows& left, const DenseRows& right)
   {
     end();
-    rows_ = rows;
-    columns_ = columns;
+    rows_ = left.columns();
+    columns_ = right.columns();
+    components_.resize(left.size());
+    for (std::size_t k = 0; k < left.size(); ++k)
+      components_[k].range = left.range(k);
     is_open_ = true;
   }
 
@@ -122,16 +141,17 @@ public:
     {
       if (!coupled && D[k] == 0)
         continue;
-      left_.insert(left_.end(), left.row(k), left.row(k) + rows_.size());
-      factor_.push_back(coupled ? 1.0 : D[k]);
-      const std::size_t first = right_.size();
-      right_.insert(right_.end(), right.row(k), right.row(k) + n);
+      auto& [range, of_left, of_right, factor] = components_[k];
+      of_left.insert(of_left.end(), left.row(k) + range.first, left.row(k) + range.second);
+      factor.push_back(coupled ? 1.0 : D[k]);
+      const std::size_t first = of_right.size();
+      of_right.insert(of_right.end(), right.row(k), right.row(k) + n);
       for (std::size_t j = 0; j < n && coupled; ++j)
       {
         double sum = 0;
         for (std::size_t l = 0; l < count; ++l)
           sum += D[k * count + l] * right.row(l)[j];
-        right_[first + j] = sum;
+        of_right[first + j] = sum;
       }
     }
   }
@@ -142,18 +162,29 @@ public:
     if (!is_open_)
       return;
     values_.assign(rows_.size() * columns_.size(), 0.0);
-    add_outer_products(left_, right_, factor_, rows_.size(), columns_.size(), values_.data());
+    for (auto& [range, left, right, factor] : components_)
+    {
+      add_outer_products(left, right, factor, range.second - range.first, columns_.size(),
+                         values_.data() + range.first * columns_.size());
+      for (auto* of_points : {&left, &right, &factor})
+        of_points->clear();
+    }
     sums_.add(rows_, columns_, values_);
-    for (auto* of_points : {&left_, &right_, &factor_})
-      of_points->clear();
     is_open_ = false;
   }
 
 private:
+  /// Rows of one component of the points so far.
+  struct Component
+  {
+    std::pair<std::size_t, std::size_t> range; ///< as DenseRows::range, of the left rows
+    std::vector<double> left, right, factor;   ///< `left` in this range only
+  };
+
   RowSums& sums_;
   bool is_open_ = false;
   std::vector<PetscInt> rows_, columns_;
-  std::vector<double> left_, right_, factor_; ///< of the points so far
+  std::vector<Component> components_;
   std::vector<double> values_;
 };
 } // namespace
@@ -195,7 +226,7 @@ void qsdolfinx::add_products(RowSums& sums, const StackedRows& left, const Stack
       is_new = by_left.take(left, first, count) || is_new;
     const DenseRows& works_on = same ? by_right : by_left;
     if (is_new || first == 0)
-      blocks.begin(works_on.columns(), by_right.columns());
+      blocks.begin(works_on, by_right);
     blocks.add(works_on, D.subspan(first / count * of_point, of_point), by_right);
   }
   blocks.end();
