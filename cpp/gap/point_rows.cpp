@@ -258,17 +258,23 @@ void append_rows(GapOperator::Side& out, const PieceColumns& columns, std::size_
 {
   const auto order = columns.order_of(piece);
   const std::int32_t* column = &columns.column[piece * columns.num_nodes];
-  const std::size_t in_row = width == 1 ? 1 : d, rows = width == 9 ? d : 1;
+  const std::size_t in_row = width == 1 ? 1 : d, rows = width == 9 ? d : 1,
+                    count = values.size() / (nodes * width);
+  out.column.resize(out.column.size() + count * order.size());
+  out.coefficient.resize(out.coefficient.size() + count * order.size() * rows * in_row);
+  std::int32_t* to_column = &*out.column.end() - count * order.size();
+  double* to = &*out.coefficient.end() - count * order.size() * rows * in_row;
   for (std::size_t p = 0; p < values.size(); p += nodes * width)
   {
     for (std::uint32_t j : order)
     {
-      out.column.push_back(column[j]);
+      *to_column++ = column[j];
       const double* value = &values[p + (first + j) * width];
       for (std::size_t r = 0; r < rows; ++r, value += 3)
-        out.coefficient.insert(out.coefficient.end(), value, value + in_row);
+        for (std::size_t i = 0; i < in_row; ++i)
+          *to++ = value[i];
     }
-    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+    out.offset.push_back(out.offset.back() + static_cast<std::int64_t>(order.size()));
   }
 }
 } // namespace

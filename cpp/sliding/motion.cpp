@@ -407,17 +407,20 @@ void qsdolfinx::add_motion(const RayPair& pair, const PieceMotion& motion, std::
                            const std::array<double, 3>& factors, std::span<double> row)
 {
   const auto& [corner, by_corner, by_vertex] = motion.points[point];
-  const auto dim = static_cast<std::size_t>(dim_of(pair));
+  const auto dim = static_cast<std::size_t>(dim_of(pair)), size = row.size();
   const auto sum = [&](const auto& by, std::size_t k)
   { return factors[0] * by[0][k] + factors[1] * by[1][k] + factors[2] * by[2][k]; };
-  for (std::size_t b = 0; b <= dim; ++b)
-    for (std::size_t d = 0; d < dim; ++d)
-    {
-      const double factor = sum(by_corner, 2 * b + d);
-      const double* velocity = &motion.velocity[(corner[b] * dim + d) * row.size()];
-      for (std::size_t i = 0; i < row.size(); ++i)
-        row[i] += factor * velocity[i];
-    }
+  std::array<double, 6> factor{};
+  std::array<const double*, 6> velocity;
+  for (std::size_t k = 0; k < 6; ++k) // in 2D some factors are 0
+  {
+    factor[k] = sum(by_corner, k);
+    velocity[k] = &motion.velocity[(corner[k / 2] * dim + k % dim) * size];
+  }
+  for (std::size_t i = 0; i < size; ++i)
+    row[i] += factor[0] * velocity[0][i] + factor[1] * velocity[1][i] + factor[2] * velocity[2][i]
+              + factor[3] * velocity[3][i] + factor[4] * velocity[4][i]
+              + factor[5] * velocity[5][i];
   const auto first = 3 * static_cast<std::size_t>(Columns(pair).cut);
   for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(pair.cut.num_vertices()); ++i)
     row[first + i] += sum(by_vertex, i);

@@ -30,7 +30,7 @@ public:
   /// Columns, ascending.
   const std::vector<PetscInt>& columns() const { return columns_; }
   /// Values of row k in these columns.
-  const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
+  const double* row(std::size_t k) const { return values_.data() + k * (columns_.size() + 1); }
   /// The first column in which row k may have values, and the one after the last.
   const std::pair<std::size_t, std::size_t>& range(std::size_t k) const { return ranges_[k]; }
 
@@ -46,7 +46,7 @@ private:
   bool take_as_before(const StackedRows& rows, std::size_t first, std::size_t count)
   {
     const std::size_t n = columns_.size();
-    values_.assign(count * n, 0.0);
+    values_.assign(count * (n + 1), 0.0);
     std::size_t i = 0;
     bool same = true;
     for (std::size_t k = 0; k < count && same; ++k)
@@ -60,9 +60,9 @@ private:
             if (!same)
               return;
             const std::int32_t* place = &place_[runs_[i++].first];
+            double* to = &values_[k * (n + 1)];
             for (std::size_t j = 0; j < size; ++j)
-              if (place[j] >= 0)
-                values_[k * n + static_cast<std::size_t>(place[j])] += factor * values[j];
+              to[place[j]] += factor * values[j];
           });
     return same && i == runs_.size();
   }
@@ -92,12 +92,13 @@ private:
                            [this](PetscInt c)
                            {
                              const auto at = std::ranges::lower_bound(columns_, c);
-                             return c < 0 ? -1 : static_cast<std::int32_t>(at - columns_.begin());
+                             return static_cast<std::int32_t>((c < 0 ? columns_.end() : at)
+                                                              - columns_.begin());
                            });
     ranges_.assign(count, {0, 0});
     for (std::size_t k = 0, i = 0; k < count; ++k)
       for (auto& [begin, end] = ranges_[k]; i < ends[k]; ++i)
-        if (const auto at = static_cast<std::size_t>(place_[i]); place_[i] >= 0)
+        if (const auto at = static_cast<std::size_t>(place_[i]); at < columns_.size())
         {
           begin = end > 0 ? std::min(begin, at) : at;
           end = std::max(end, at + 1);
@@ -107,9 +108,9 @@ private:
   std::size_t size_ = 0;
   std::vector<PetscInt> found_, columns_;
   std::vector<Run> runs_;
-  std::vector<std::int32_t> place_; ///< of each found column, -1 for ignored ones
+  std::vector<std::int32_t> place_; ///< of each found column; after the last for ignored ones
   std::vector<std::pair<std::size_t, std::size_t>> ranges_;
-  std::vector<double> values_;
+  std::vector<double> values_; ///< [row][column], and the sum of ignored values
 };
 
 /// Sums of the products of points with the same columns.

@@ -11,8 +11,8 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Number of values that are collected before they are summed for the first time: 2 MiB.
-constexpr std::size_t most_values = std::size_t(1) << 18;
+/// Number of values that are collected before they are summed for the first time: 8 MiB.
+constexpr std::size_t most_values = std::size_t(1) << 20;
 } // namespace
 
 std::int32_t RowSums::number_of(PetscInt key)
@@ -74,33 +74,39 @@ void RowSums::sum()
     order[end[parts_[i].row]++] = i; // end[r] moves from the first part to past the last
 
   std::vector<Part> parts;
-  std::vector<std::int32_t> columns, place(known_.size(), -1); // of columns in the current row
-  std::vector<double> values;
+  std::vector<std::int32_t> columns, found(known_.size()); // of the current row
+  std::vector<double> values, sums(known_.size(), 0.0);
+  std::vector<char> is_found(known_.size(), 0);
   for (std::size_t row = 0, i = 0; row < known_.size(); ++row)
   {
     if (i == end[row])
       continue;
-    const std::size_t first = values.size();
+    std::size_t size = 0;
     for (; i < end[row]; ++i)
     {
       const Part& part = parts_[order[i]];
+      const std::int32_t* column = &columns_[part.columns];
+      const double* value = &values_[part.values];
       for (std::size_t j = 0; j < part.size; ++j)
       {
-        const std::int32_t column = columns_[part.columns + j];
-        if (column < 0)
+        const std::int32_t c = column[j];
+        if (c < 0)
           continue;
-        if (place[column] < 0)
-        {
-          place[column] = static_cast<std::int32_t>(values.size() - first);
-          columns.push_back(column);
-          values.push_back(0);
-        }
-        values[first + place[column]] += values_[part.values + j];
+        sums[c] += value[j];
+        found[size] = c;
+        size += 1 - is_found[c];
+        is_found[c] = 1;
       }
     }
-    for (std::size_t j = first; j < columns.size(); ++j)
-      place[columns[j]] = -1;
-    parts.push_back({static_cast<std::int32_t>(row), first, first, values.size() - first});
+    parts.push_back({static_cast<std::int32_t>(row), columns.size(), columns.size(), size});
+    for (std::size_t j = 0; j < size; ++j)
+    {
+      const std::int32_t c = found[j];
+      columns.push_back(c);
+      values.push_back(sums[c]);
+      sums[c] = 0;
+      is_found[c] = 0;
+    }
   }
   parts_.swap(parts);
   columns_.swap(columns);
