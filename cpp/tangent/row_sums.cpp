@@ -74,7 +74,7 @@ void RowSums::sum()
     order[end[parts_[i].row]++] = i; // end[r] moves from the first part to past the last
 
   std::vector<Part> parts;
-  std::vector<std::int32_t> columns, found(known_.size()); // of the current row
+  std::vector<std::int32_t> columns, found(known_.size() + 1); // of the current row, and one more
   std::vector<double> values, sums(known_.size(), 0.0);
   std::vector<char> is_found(known_.size(), 0);
   for (std::size_t row = 0, i = 0; row < known_.size(); ++row)
