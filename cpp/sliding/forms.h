@@ -204,8 +204,12 @@ struct Ray
   Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
   {
     Row row;
-    std::fill_n(row.begin(), columns.size(), 0.0);
-    add_to(columns, c, row.data());
+    for (int i = 0; i < columns.num_cut; ++i)
+      for (int d = 0; d < 3; ++d)
+        row[3 * (columns.cut + i) + d] = T[i] * c[d];
+    for (int j = 0; j < columns.num_other; ++j)
+      for (int d = 0; d < 3; ++d)
+        row[3 * (columns.other + j) + d] = -M[j] * c[d];
     normal.add_to(t * c, &row[3 * columns.along]);
     return row;
   }

@@ -329,13 +329,13 @@ void qsdolfinx::slave_places(const RayPair& pair, std::span<const RayPoint> poin
   const Normal normal(pair.along());
   const Columns columns(pair);
   const auto size = static_cast<std::size_t>(columns.size());
-  std::ranges::fill(gradients, 0.0);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     double* slope = &slopes[4 * p];
     if (pair.cut_is_slave)
     {
-      std::copy_n(std::array<double, 4>{1, 0, 0, 1}.begin(), 4, slope);
+      std::ranges::fill(gradients.subspan(2 * p * size, 2 * size), 0.0);
+      std::ranges::copy(std::array<double, 4>{1, 0, 0, 1}, slope);
       continue;
     }
     const Ray ray(pair, normal, points[p]);

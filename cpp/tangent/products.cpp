@@ -35,35 +35,26 @@ public:
   const std::pair<std::size_t, std::size_t>& range(std::size_t k) const { return ranges_[k]; }
 
 private:
-  /// Consecutive columns.
-  struct Run
-  {
-    const PetscInt* columns;
-    std::size_t count, first; ///< `first`: its first entry in `place_`
-  };
-
   /// Read the rows if their columns are those of the previous rows; returns whether they are.
   bool take_as_before(const StackedRows& rows, std::size_t first, std::size_t count)
   {
     const std::size_t n = columns_.size();
     values_.assign(count * (n + 1), 0.0);
     std::size_t i = 0;
+    const std::int32_t* place = place_.data();
     bool same = true;
     for (std::size_t k = 0; k < count && same; ++k)
-      rows.visit_runs(
-          first + k,
-          [&](const PetscInt* columns, const double* values, std::size_t size, double factor)
-          {
-            same = same && i < runs_.size() && runs_[i].count == size
-                   && (runs_[i].columns == columns
-                       || std::equal(columns, columns + size, runs_[i].columns));
-            if (!same)
-              return;
-            const std::int32_t* place = &place_[runs_[i++].first];
-            double* to = &values_[k * (n + 1)];
-            for (std::size_t j = 0; j < size; ++j)
-              to[place[j]] += factor * values[j];
-          });
+      rows.visit_runs(first + k,
+                      [&](const Run& run)
+                      {
+                        same = same && i < runs_.size() && runs_[i++].same_columns(run);
+                        if (!same)
+                          return;
+                        double* to = &values_[k * (n + 1)];
+                        for (std::size_t j = 0; j < run.count; ++j)
+                          for (std::size_t c = 0; c < run.width; ++c)
+                            to[*place++] += run.factor * run.values[j * run.step + c];
+                      });
     return same && i == runs_.size();
   }
 
@@ -75,10 +66,11 @@ private:
     for (std::size_t k = 0; k < count; ++k)
     {
       rows.visit_runs(first + k,
-                      [&](const PetscInt* columns, const double*, std::size_t size, double)
+                      [&](const Run& run)
                       {
-                        runs_.push_back({columns, size, found_.size()});
-                        found_.insert(found_.end(), columns, columns + size);
+                        runs_.push_back(run);
+                        for (std::size_t j = 0; j < run.count; ++j)
+                          found_.insert(found_.end(), run.group(j), run.group(j) + run.width);
                       });
       ends.push_back(found_.size());
     }
@@ -87,7 +79,7 @@ private:
     std::ranges::sort(columns_);
     const auto rest = std::ranges::unique(columns_);
     columns_.erase(rest.begin(), rest.end());
-    place_.resize(found_.size() + 1); // one more, so that a run without columns has a place
+    place_.resize(found_.size());
     std::ranges::transform(found_, place_.begin(),
                            [this](PetscInt c)
                            {
@@ -143,8 +135,10 @@ public:
       if (!coupled && D[k] == 0)
         continue;
       auto& [range, of_left, of_right, factor] = components_[k];
-      of_left.insert(of_left.end(), left.row(k) + range.first, left.row(k) + range.second);
-      factor.push_back(coupled ? 1.0 : D[k]);
+      if (&left == &right) // the products are symmetric
+        factor.push_back(coupled ? 1.0 : D[k]);
+      for (std::size_t i = range.first; i < range.second; ++i)
+        of_left.push_back(coupled || &left == &right ? left.row(k)[i] : D[k] * left.row(k)[i]);
       const std::size_t first = of_right.size();
       of_right.insert(of_right.end(), right.row(k), right.row(k) + n);
       for (std::size_t j = 0; j < n && coupled; ++j)
