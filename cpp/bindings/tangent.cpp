@@ -70,7 +70,8 @@ void qsdolfinx::bind_tangent(nb::module_& m)
           "numbers"_a, "values"_a,
           "Add matrices, [block][row][row], with row numbers [block][row]; negative numbers are "
           "left out.")
-      .def("insert", &RowSums::insert, "Insert all entries into the matrix, and assemble it. Collective.");
+      .def("insert", &RowSums::insert,
+           "Insert all entries into the matrix, and assemble it. Collective.");
   m.def(
       "add_curvature",
       [](RowSums& sums, const Pieces& pieces, In<double> stress, bool moves,

@@ -139,7 +139,8 @@ GapOperator::GapOperator(const Surface* master, const Pieces& pieces, GapKind ki
   initial_gap_.assign(row_area_.size(), 0);
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone, std::span<const double> weight,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
+                         std::span<const std::int64_t> alone, std::span<const double> weight,
                          double far)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {
@@ -149,26 +150,30 @@ GapOperator::GapOperator(const Surface* master, const Pieces& pieces, std::span<
   initial_gap_.insert(initial_gap_.end(), alone.size(), far);
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone, std::span<const double> weight)
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
+                         std::span<const std::int64_t> alone, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {
   rows_of_pieces(used_sides(), pieces, alone.size(), 1, jumps_of(pieces));
   multipliers_of_pieces(multipliers_, pieces, alone);
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces, std::span<const double> weight)
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
+                         std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {
   rows_of_pieces(used_sides(), pieces, weight.size(), 3, moving_gap_gradients_of(pieces));
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces, const FunctionsOfPieces& functions, std::span<const double> weight)
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
+                         const FunctionsOfPieces& functions, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {
   rows_of_pieces(used_sides(), pieces, weight.size(), 3, parts_of(pieces, functions.gradient));
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient, std::span<const double> weight)
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
+                         const std::vector<double>& gradient, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {
   turns_ = true;

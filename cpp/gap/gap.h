@@ -62,15 +62,19 @@ public:
   /// @param alone slave unknowns that represent the node sides of the stand-alone points
   /// @param weight areas of the stand-alone points
   /// @param far gap of the stand-alone points, positive (open)
-  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone, std::span<const double> weight, double far);
+  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
+              std::span<const double> weight, double far);
   /// Relative position x_slave − x_master for the same rows, with the points fixed on their facets.
-  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone, std::span<const double> weight);
+  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
+              std::span<const double> weight);
   /// Derivative of the gaps including the motion of the points on the facets, for the same rows.
   GapOperator(const Surface* master, const Pieces& pieces, std::span<const double> weight);
   /// Operator of other gradients for the same rows, see FunctionsOfPieces in point_rows.h.
-  GapOperator(const Surface* master, const Pieces& pieces, const FunctionsOfPieces& functions, std::span<const double> weight);
+  GapOperator(const Surface* master, const Pieces& pieces, const FunctionsOfPieces& functions,
+              std::span<const double> weight);
   /// Derivative of the slip for the same rows, or the variation on which tractions do work.
-  GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient, std::span<const double> weight);
+  GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient,
+              std::span<const double> weight);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;

@@ -469,9 +469,8 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
         gradient[(first + p) * size + c] = change[0] * moved[c] + change[1] * moved[size + c];
       for (std::size_t k = 0; k < nk; ++k)
         for (std::size_t c = 0; c < size; ++c)
-          sum[k * size + c] += force
-                               * (dN[k][0] * moved[c] + dN[k][1] * moved[size + c]
-                                  + N[k] * grows[c]);
+          sum[k * size + c]
+              += force * (dN[k][0] * moved[c] + dN[k][1] * moved[size + c] + N[k] * grows[c]);
       for (std::size_t r = 0; r < turn.size() / size; ++r)
       {
         const double turned = points[p].weight * across * turning[3 * (first + p) + r];

@@ -87,7 +87,8 @@ struct Pieces
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
 
-/// Motion of the points of a piece with corners. Those of all pieces are computed in the first call.
+/// Motion of the points of a piece with corners. Those of all pieces are computed in the first
+/// call.
 PieceMotion motion_of(const Pieces& pieces, std::size_t piece);
 
 /// Find where the rays of all points meet the other facets.

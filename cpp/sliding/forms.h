@@ -122,7 +122,8 @@ private:
   double factor_, length_;
   std::array<double, 4> signs1_{}, signs2_{};
   Vec3 d1_, d2_{0, 0, 1}, n_;
-  std::array<std::array<double, 12>, 3> gradient_{}; ///< of the components of n, [component][vertex][3]
+  std::array<std::array<double, 12>, 3>
+      gradient_{}; ///< of the components of n, [component][vertex][3]
 };
 
 /// Rows of J⁻¹. In 2D nothing moves along the third axis, and the second ζ is left out.

@@ -389,8 +389,8 @@ public:
 private:
   const PieceMotion& motion_;
   std::size_t n_, dim_, of_vertices_, first_;
-  std::vector<double> of_corners_;    ///< sums of forms, [corner][direction][column]
-  std::vector<double> left_, right_;  ///< products with motions of the facet's vertices
+  std::vector<double> of_corners_;   ///< sums of forms, [corner][direction][column]
+  std::vector<double> left_, right_; ///< products with motions of the facet's vertices
 };
 } // namespace
 
@@ -471,8 +471,8 @@ void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceMotion
       for (int a = 0; a < dim; ++a)
         dc[a] = dc[a] + dot(force, at.da[a][b]) * A[b] + s * at.change_of(A[b], a);
     }
-    moved.add_point(
-        p, {at.form(c, dc[0], 0), at.form(c, dc[1], 1), at.ray.form(columns, normal, c)});
+    moved.add_point(p,
+                    {at.form(c, dc[0], 0), at.form(c, dc[1], 1), at.ray.form(columns, normal, c)});
   }
   moved.add_to(hessian);
 }

@@ -54,7 +54,8 @@ struct PointMotion
 /// Motions of the points of a piece.
 struct PieceMotion
 {
-  std::span<const double> velocity; ///< of corners, then of the middle, [corner][direction][node][3]
+  std::span<const double>
+      velocity; ///< of corners, then of the middle, [corner][direction][node][3]
   std::span<const PointMotion> points;
 };
 

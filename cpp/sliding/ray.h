@@ -83,7 +83,8 @@ void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::s
                    std::span<double> slopes = {});
 
 /// Derivatives of the places of points on the slave, which are ξ or ζ.
-/// @param gradients by the nodes of both facets, ξ fixed, [point][2][node][3]; 0 if the slave is cut
+/// @param gradients by the nodes of both facets, ξ fixed, [point][2][node][3]; 0 if the slave is
+/// cut
 /// @param slopes by ξ, nodes fixed, [point][2][2]
 void slave_places(const RayPair& pair, std::span<const RayPoint> points,
                   std::span<double> gradients, std::span<double> slopes);

@@ -26,7 +26,8 @@ struct CompressedRows
   std::vector<double> value;        ///< of each entry
 };
 
-/// Entries of a row from one part of a StackedRows: groups of consecutive numbers among all unknowns.
+/// Entries of a row from one part of a StackedRows: groups of consecutive numbers among all
+/// unknowns.
 struct Run
 {
   const PetscInt* numbers;  ///< group j begins at numbers + node[j] * stride
@@ -125,8 +126,8 @@ void StackedRows::visit_runs(std::size_t row, Visit visit) const
                count = static_cast<std::size_t>(side.offset[point + 1]) - first;
     const bool single = size == 1 && gap.kind() == GapKind::jump; // or all unknowns of the node
     visit(Run{part.numbers.data() + (single ? k : 0), side.column.data() + first, count,
-              single ? 1 : d, d, side.coefficient.data() + first * size + (single ? 0 : k * d), size,
-              part.factor});
+              single ? 1 : d, d, side.coefficient.data() + first * size + (single ? 0 : k * d),
+              size, part.factor});
   }
   for (const Others& part : others_)
   {

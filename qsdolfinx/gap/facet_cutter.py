@@ -167,9 +167,7 @@ class FacetCutter:
         """See :class:`Cutter`."""
         if self.are_own and found.normals is None:
             return None
-        operator = _cpp.GapOperator(
-            self._master, moving=found.of_cutter, weight=alone.weight
-        )
+        operator = _cpp.GapOperator(self._master, moving=found.of_cutter, weight=alone.weight)
         return Changes(operator, self._by_normals(found, operator.num_rows, markers))
 
     def _by_normals(
