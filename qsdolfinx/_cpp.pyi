@@ -51,7 +51,6 @@ class GapOperator:
     @overload
     def __init__(
         self,
-        slave: Surface,
         master: Surface | None,
         points_of: Pieces,
         *,
@@ -59,24 +58,22 @@ class GapOperator:
         weight: numpy.typing.NDArray[numpy.float64],
         far: float,
     ) -> None:
-        """Derivative of gaps with updated geometry, a row for each point of pieces; see gap/gap.h; collective."""
+        """Derivative of gaps with updated geometry, a row for each point of pieces; see gap/gap.h."""
 
     @overload
     def __init__(
         self,
-        slave: Surface,
         master: Surface | None,
         jump_of: Pieces,
         *,
         alone: numpy.typing.NDArray[numpy.int64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Relative position at the points of pieces; see gap/gap.h; collective."""
+        """Relative position at the points of pieces; see gap/gap.h."""
 
     @overload
     def __init__(
         self,
-        slave: Surface,
         master: Surface | None,
         points_of: Pieces,
         slip: SlipOfPieces,
@@ -84,12 +81,11 @@ class GapOperator:
         works: bool,
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Derivative of slip at the points of pieces, or the variation that tractions work on; collective."""
+        """Derivative of slip at the points of pieces, or the variation that tractions work on."""
 
     @overload
     def __init__(
         self,
-        slave: Surface,
         master: Surface | None,
         moving: Pieces,
         slip: SlipOfPieces,
@@ -97,30 +93,24 @@ class GapOperator:
         leaning: numpy.typing.NDArray[numpy.float64],
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Derivative of slip with the motion of points; see gap/point_rows.h; collective."""
+        """Derivative of slip with the motion of points; see gap/point_rows.h."""
 
     @overload
     def __init__(
-        self,
-        slave: Surface,
-        master: Surface | None,
-        moving: Pieces,
-        *,
-        weight: numpy.typing.NDArray[numpy.float64],
+        self, master: Surface | None, moving: Pieces, *, weight: numpy.typing.NDArray[numpy.float64]
     ) -> None:
-        """Derivative of gaps with the motion of points; see gap/gap.h; collective."""
+        """Derivative of gaps with the motion of points; see gap/gap.h."""
 
     @overload
     def __init__(
         self,
-        slave: Surface,
         master: Surface | None,
         points_of: Pieces,
         functions: FunctionsOfPieces,
         *,
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
-        """Gradients of the field of `functions` at the points of pieces; collective."""
+        """Gradients of the field of `functions` at the points of pieces."""
 
     @property
     def num_rows(self) -> int: ...
@@ -368,7 +358,7 @@ class RowSums:
     """Entries to be added to a matrix; see tangent/row_sums.h."""
 
     def __init__(self, matrix: int) -> None:
-        """For a matrix that must outlive this object and is not assembled here."""
+        """For a matrix that must outlive this object."""
 
     def add_entries(
         self,
@@ -386,7 +376,7 @@ class RowSums:
         """Add matrices, [block][row][row], with row numbers [block][row]; negative numbers are left out."""
 
     def insert(self) -> None:
-        """Insert all entries into the matrix."""
+        """Insert all entries into the matrix, and assemble it. Collective."""
 
 class SearchRadius:
     """Search distance, up to which points are paired: one value, or the size of the larger facet there, if this is less."""

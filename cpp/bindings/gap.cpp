@@ -85,56 +85,51 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Rows are nodes (0), nodes with their covered areas (1), or points (2); collective.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
-             In<std::int64_t> alone, In<double> weight, double far)
-          { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view(), far); },
-          "slave"_a, "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
-          "far"_a,
+          [](GapOperator* self, const Surface* master, const Pieces& pieces, In<std::int64_t> alone,
+             In<double> weight, double far)
+          { new (self) GapOperator(master, pieces, alone.view(), weight.view(), far); },
+          "master"_a.none(), "points_of"_a, nb::kw_only(), "alone"_a, "weight"_a, "far"_a,
           "Derivative of gaps with updated geometry, a row for each point of pieces; see "
-          "gap/gap.h; collective.")
+          "gap/gap.h.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
-             In<std::int64_t> alone, In<double> weight)
-          { new (self) GapOperator(slave, master, pieces, alone.view(), weight.view()); },
-          "slave"_a, "master"_a.none(), "jump_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
-          "Relative position at the points of pieces; see gap/gap.h; collective.")
+          [](GapOperator* self, const Surface* master, const Pieces& pieces, In<std::int64_t> alone,
+             In<double> weight)
+          { new (self) GapOperator(master, pieces, alone.view(), weight.view()); },
+          "master"_a.none(), "jump_of"_a, nb::kw_only(), "alone"_a, "weight"_a,
+          "Relative position at the points of pieces; see gap/gap.h.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+          [](GapOperator* self, const Surface* master, const Pieces& pieces,
              const SlipOfPieces& slip, bool works, In<double> weight)
           {
-            new (self) GapOperator(slave, master, pieces, works ? slip.works : slip.gradient,
-                                   weight.view());
+            new (self)
+                GapOperator(master, pieces, works ? slip.works : slip.gradient, weight.view());
           },
-          "slave"_a, "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a,
-          "weight"_a,
-          "Derivative of slip at the points of pieces, or the variation that tractions work on; "
-          "collective.")
+          "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a, "weight"_a,
+          "Derivative of slip at the points of pieces, or the variation that tractions work on.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+          [](GapOperator* self, const Surface* master, const Pieces& pieces,
              const SlipOfPieces& slip, In<double> leaning, In<double> weight)
           {
-            new (self) GapOperator(slave, master, pieces,
-                                   slip.moving_gradient(pieces, leaning.view()), weight.view());
+            new (self) GapOperator(master, pieces, slip.moving_gradient(pieces, leaning.view()),
+                                   weight.view());
           },
-          "slave"_a, "master"_a.none(), "moving"_a, "slip"_a, nb::kw_only(), "leaning"_a,
-          "weight"_a,
-          "Derivative of slip with the motion of points; see gap/point_rows.h; collective.")
+          "master"_a.none(), "moving"_a, "slip"_a, nb::kw_only(), "leaning"_a, "weight"_a,
+          "Derivative of slip with the motion of points; see gap/point_rows.h.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
-             In<double> weight) { new (self) GapOperator(slave, master, pieces, weight.view()); },
-          "slave"_a, "master"_a.none(), "moving"_a, nb::kw_only(), "weight"_a,
-          "Derivative of gaps with the motion of points; see gap/gap.h; collective.")
+          [](GapOperator* self, const Surface* master, const Pieces& pieces, In<double> weight)
+          { new (self) GapOperator(master, pieces, weight.view()); }, "master"_a.none(), "moving"_a,
+          nb::kw_only(), "weight"_a, "Derivative of gaps with the motion of points; see gap/gap.h.")
       .def(
           "__init__",
-          [](GapOperator* self, const Surface& slave, const Surface* master, const Pieces& pieces,
+          [](GapOperator* self, const Surface* master, const Pieces& pieces,
              const FunctionsOfPieces& functions, In<double> weight)
-          { new (self) GapOperator(slave, master, pieces, functions, weight.view()); },
-          "slave"_a, "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
-          "Gradients of the field of `functions` at the points of pieces; collective.")
+          { new (self) GapOperator(master, pieces, functions, weight.view()); },
+          "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
+          "Gradients of the field of `functions` at the points of pieces.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("turns", &GapOperator::turns, "Whether a jump is co-rotated with facets.")
       .def_prop_ro("width", &GapOperator::width,

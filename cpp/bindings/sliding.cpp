@@ -128,8 +128,16 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const RayPair pair = make_pair(cut, other, cut_is_slave);
         const std::size_t n = points.points.size(), nodes = pair.num_nodes(),
                           nk = pair.slave().num_vertices();
-        std::vector<double> out(3 * n * nk * nodes);
-        function_gradients(pair, points.points, out);
+        std::vector<double> out(3 * n * nk * nodes), places(6 * n * nodes), slopes(4 * n);
+        slave_places(pair, points.points, places, slopes);
+        for (std::size_t p = 0; p < n && !cut_is_slave; ++p)
+        {
+          const auto dN = trace_gradients(pair.slave().type, 1, points.points[p].zeta);
+          for (std::size_t k = 0; k < nk; ++k)
+            for (std::size_t i = 0; i < 3 * nodes; ++i)
+              out[(p * nk + k) * 3 * nodes + i] = dN[k][0] * places[2 * p * 3 * nodes + i]
+                                                  + dN[k][1] * places[(2 * p + 1) * 3 * nodes + i];
+        }
         return copy(std::move(out), {n, nk, nodes, 3});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,

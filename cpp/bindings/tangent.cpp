@@ -51,7 +51,7 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       .def(
           "__init__",
           [](RowSums* self, Handle matrix) { new (self) RowSums(reinterpret_cast<Mat>(matrix)); },
-          "matrix"_a, "For a matrix that must outlive this object and is not assembled here.")
+          "matrix"_a, "For a matrix that must outlive this object.")
       .def(
           "add_entries",
           [](RowSums& sums, In<std::int64_t> rows, In<std::int64_t> columns, In<double> values)
@@ -70,7 +70,8 @@ void qsdolfinx::bind_tangent(nb::module_& m)
           "numbers"_a, "values"_a,
           "Add matrices, [block][row][row], with row numbers [block][row]; negative numbers are "
           "left out.")
-      .def("insert", &RowSums::insert, "Insert all entries into the matrix.");
+      .def("insert", &RowSums::insert,
+           "Insert all entries into the matrix, and assemble it. Collective.");
   m.def(
       "add_curvature",
       [](RowSums& sums, const Pieces& pieces, In<double> stress, bool moves,

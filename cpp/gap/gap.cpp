@@ -95,19 +95,18 @@ std::vector<double> areas_of(const Slots& slots, const Surface& slave, const Pai
   return out;
 }
 
-/// Scatter from vectors of a surface's body to the unknowns of a side. Collective.
-void build_scatter(GapOperator::Side& side, const Surface& surface)
+/// Make the scatter from vectors of a body to the unknowns of a side when it is first used.
+/// Collective. @param x a vector of the body
+void prepare(GapOperator::Side& side, Vec x)
 {
+  if (side.scatter)
+    return;
   const auto n = static_cast<PetscInt>(side.dofs.size());
-  Vec layout;
   IS is;
-  check(VecCreateMPI(surface.comm(), static_cast<PetscInt>(surface.local_size()), PETSC_DETERMINE,
-                     &layout));
   check(VecCreateSeq(PETSC_COMM_SELF, n, &side.local));
   check(ISCreateGeneral(PETSC_COMM_SELF, n, side.dofs.data(), PETSC_USE_POINTER, &is));
-  check(VecScatterCreate(layout, is, side.local, nullptr, &side.scatter));
+  check(VecScatterCreate(x, is, side.local, nullptr, &side.scatter));
   check(ISDestroy(&is));
-  check(VecDestroy(&layout));
 }
 } // namespace
 
@@ -121,16 +120,12 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pair
   if (turns_ && rows == GapRows::points)
     throw std::invalid_argument("co-rotated jumps need rows at nodes");
   if (rows == GapRows::points)
-  {
     build_points(points);
-    build_scatter(multipliers_, slave);
-  }
   else
   {
     const PairingPoints others = points_from_others(slave, points);
     build_rows(slave, {&points, &others}, rows == GapRows::covered_nodes);
   }
-  build_scatters(slave, master);
 }
 
 GapOperator::GapOperator(const Surface* master, const Pieces& pieces, GapKind kind,
@@ -144,7 +139,7 @@ GapOperator::GapOperator(const Surface* master, const Pieces& pieces, GapKind ki
   initial_gap_.assign(row_area_.size(), 0);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          std::span<const std::int64_t> alone, std::span<const double> weight,
                          double far)
     : GapOperator(master, pieces, GapKind::normal, weight)
@@ -153,50 +148,36 @@ GapOperator::GapOperator(const Surface& slave, const Surface* master, const Piec
   multipliers_of_pieces(multipliers_, pieces, alone);
   initial_gap_ = distances_of(pieces);
   initial_gap_.insert(initial_gap_.end(), alone.size(), far);
-  build_scatter(multipliers_, slave);
-  build_scatters(slave, master);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          std::span<const std::int64_t> alone, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {
   rows_of_pieces(used_sides(), pieces, alone.size(), 1, jumps_of(pieces));
   multipliers_of_pieces(multipliers_, pieces, alone);
-  build_scatter(multipliers_, slave);
-  build_scatters(slave, master);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {
   rows_of_pieces(used_sides(), pieces, weight.size(), 3, moving_gap_gradients_of(pieces));
-  build_scatters(slave, master);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          const FunctionsOfPieces& functions, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::normal, weight)
 {
   rows_of_pieces(used_sides(), pieces, weight.size(), 3, parts_of(pieces, functions.gradient));
-  build_scatters(slave, master);
 }
 
-GapOperator::GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          const std::vector<double>& gradient, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {
   turns_ = true;
   rows_of_pieces(used_sides(), pieces, weight.size(), 9, parts_of(pieces, gradient));
-  build_scatters(slave, master);
-}
-
-void GapOperator::build_scatters(const Surface& slave, const Surface* master)
-{
-  build_scatter(sides_[0], slave);
-  if (master)
-    build_scatter(sides_[1], *master);
 }
 
 GapOperator::~GapOperator()
@@ -285,6 +266,7 @@ std::vector<double> GapOperator::apply(std::array<Vec, 2> x, std::array<double, 
   for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
+    prepare(side, x[s]);
     check(VecScatterBegin(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
     check(VecScatterEnd(side.scatter, x[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
     const PetscScalar* values;
@@ -317,6 +299,7 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
   for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
+    prepare(side, b[s]);
     check(VecSet(side.local, 0));
     PetscScalar* y;
     check(VecGetArray(side.local, &y));
@@ -344,8 +327,9 @@ void GapOperator::add_transpose(std::span<const double> f, std::array<Vec, 2> b)
 std::vector<double> GapOperator::at_points(Vec nodal)
 {
   Side& side = multipliers_;
-  if (!side.scatter)
+  if (side.offset.empty())
     throw std::logic_error("the rows are not points");
+  prepare(side, nodal);
   check(VecScatterBegin(side.scatter, nodal, side.local, INSERT_VALUES, SCATTER_FORWARD));
   check(VecScatterEnd(side.scatter, nodal, side.local, INSERT_VALUES, SCATTER_FORWARD));
   std::vector<double> out(num_rows(), 0);
@@ -363,8 +347,9 @@ void GapOperator::reduce_to_nodes(std::span<const double> f, Vec nodal, double s
                                   InsertMode mode, Visit visit)
 {
   Side& side = multipliers_;
-  if (!side.scatter)
+  if (side.offset.empty())
     throw std::logic_error("the rows are not points");
+  prepare(side, nodal);
   if (f.size() != num_rows())
     throw std::invalid_argument("f must hold one value per row");
   check(VecSet(side.local, start));
@@ -399,6 +384,7 @@ void GapOperator::constrain(std::array<Vec, 2> markers)
   for (int s = 0; s < num_sides_; ++s)
   {
     Side& side = sides_[s];
+    prepare(side, markers[s]);
     check(VecScatterBegin(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
     check(VecScatterEnd(side.scatter, markers[s], side.local, INSERT_VALUES, SCATTER_FORWARD));
     const PetscScalar* marked;

@@ -47,7 +47,7 @@ public:
     std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
     std::vector<std::int32_t> column; ///< column node of each entry
     std::vector<double> coefficient;  ///< [entry][entry_size()]; master negative
-    Vec local = nullptr;              ///< values at `dofs`
+    Vec local = nullptr;              ///< values at `dofs`; made when it is first used
     VecScatter scatter = nullptr;     ///< from the body's vector to `local`
   };
 
@@ -58,28 +58,23 @@ public:
   /// Derivative of the gaps of pieces with updated geometry, in the current configuration. The rays
   /// must have been solved. There is one row for each point on this rank, then one for each
   /// stand-alone point (`alone`), which has one multiplier and no facet. `initial_gap` is −g.
-  /// Collective.
+  /// @param master null for a rigid tool
   /// @param alone slave unknowns that represent the node sides of the stand-alone points
   /// @param weight areas of the stand-alone points
   /// @param far gap of the stand-alone points, positive (open)
-  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              std::span<const std::int64_t> alone, std::span<const double> weight, double far);
+  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
+              std::span<const double> weight, double far);
   /// Relative position x_slave − x_master for the same rows, with the points fixed on their facets.
-  /// Collective.
-  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              std::span<const std::int64_t> alone, std::span<const double> weight);
-  /// Derivative of the gaps including the motion of the points on the facets, for the same rows.
-  /// Collective.
-  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
+  GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
               std::span<const double> weight);
+  /// Derivative of the gaps including the motion of the points on the facets, for the same rows.
+  GapOperator(const Surface* master, const Pieces& pieces, std::span<const double> weight);
   /// Operator of other gradients for the same rows, see FunctionsOfPieces in point_rows.h.
-  /// Collective.
-  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              const FunctionsOfPieces& functions, std::span<const double> weight);
+  GapOperator(const Surface* master, const Pieces& pieces, const FunctionsOfPieces& functions,
+              std::span<const double> weight);
   /// Derivative of the slip for the same rows, or the variation on which tractions do work.
-  /// Collective.
-  GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,
-              const std::vector<double>& gradient, std::span<const double> weight);
+  GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient,
+              std::span<const double> weight);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;
   GapOperator& operator=(const GapOperator&) = delete;
@@ -152,7 +147,6 @@ private:
   {
     return std::span(sides_).first(static_cast<std::size_t>(num_sides_));
   }
-  void build_scatters(const Surface& slave, const Surface* master);
   void build_rows(const Surface& slave, const std::array<const PairingPoints*, 2>& sets,
                   bool by_cover);
   void name_rows(const PairingPoints& points, const Slots& slots,

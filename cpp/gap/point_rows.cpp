@@ -258,17 +258,23 @@ void append_rows(GapOperator::Side& out, const PieceColumns& columns, std::size_
 {
   const auto order = columns.order_of(piece);
   const std::int32_t* column = &columns.column[piece * columns.num_nodes];
-  const std::size_t in_row = width == 1 ? 1 : d, rows = width == 9 ? d : 1;
+  const std::size_t in_row = width == 1 ? 1 : d, rows = width == 9 ? d : 1,
+                    count = values.size() / (nodes * width);
+  out.column.resize(out.column.size() + count * order.size());
+  out.coefficient.resize(out.coefficient.size() + count * order.size() * rows * in_row);
+  std::int32_t* to_column = &*out.column.end() - count * order.size();
+  double* to = &*out.coefficient.end() - count * order.size() * rows * in_row;
   for (std::size_t p = 0; p < values.size(); p += nodes * width)
   {
     for (std::uint32_t j : order)
     {
-      out.column.push_back(column[j]);
+      *to_column++ = column[j];
       const double* value = &values[p + (first + j) * width];
       for (std::size_t r = 0; r < rows; ++r, value += 3)
-        out.coefficient.insert(out.coefficient.end(), value, value + in_row);
+        for (std::size_t i = 0; i < in_row; ++i)
+          *to++ = value[i];
     }
-    out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
+    out.offset.push_back(out.offset.back() + static_cast<std::int64_t>(order.size()));
   }
 }
 } // namespace
@@ -345,22 +351,22 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
 
 OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
 {
-  const std::vector<double>& motions = motions_of(pieces);
-  return [&pieces, &motions, fixed = gap_gradients_of(pieces), out = std::vector<double>(),
-          slopes = std::vector<double>(), by_normals = std::vector<double>()](std::size_t i) mutable
+  return [&pieces, out = std::vector<double>(), slopes = std::vector<double>(),
+          by_normals = std::vector<double>()](std::size_t i) mutable
   {
-    const auto own = fixed(i);
-    const auto points = pieces.points_of(i);
-    const std::size_t first = i > 0 ? pieces.end[i - 1] : 0,
-                      size = own.size() / std::max<std::size_t>(points.size(), 1);
-    out.assign(own.begin(), own.end());
-    slopes.resize(2 * points.size());
-    gap_slopes(pair_of(pieces, i), points, slopes);
-    for (std::size_t p = 0; p < points.size(); ++p)
-      for (std::size_t a = 0; a < 2; ++a)
-        for (std::size_t c = 0; c < size; ++c)
-          out[p * size + c] += slopes[2 * p + a] * motions[((first + p) * 3 + a) * size + c];
     const RayPair pair = pair_of(pieces, i);
+    const auto points = pieces.points_of(i);
+    const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
+    out.resize(points.size() * size);
+    slopes.resize(2 * points.size());
+    gap_gradients(pair, points, out, slopes);
+    if (!pieces.corner_end.empty())
+    {
+      const PieceMotion motion = motion_of(pieces, i);
+      for (std::size_t p = 0; p < points.size(); ++p)
+        add_motion(pair, motion, p, {slopes[2 * p], slopes[2 * p + 1], 0},
+                   std::span(out).subspan(p * size, size));
+    }
     by_normals.assign(points.size() * 3 * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
     add_gaps_by_rise(pair, points, out, by_normals);
     return std::span<const double>(out);
@@ -417,7 +423,8 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
     if (markers[s])
       held[s] = values_at(markers[s], sides[s]->dofs);
   gradient.resize(pieces.points.size() * size);
-  std::vector<double> functions, slopes, sum(nk * size), turn(turning.empty() ? 0 : 3 * size);
+  std::vector<double> places, slopes, grows(size), sum(nk * size),
+      turn(turning.empty() ? 0 : 3 * size);
   std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -433,34 +440,44 @@ FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<
       normal_gradient(pair, turn);
       across = normal_of(pair)[component];
     }
-    functions.resize(points.size() * nk * size);
-    function_gradients(pair, points, functions);
-    slopes.resize(points.size() * nk * 2);
-    if (moves)
-      function_slopes(pair, points, slopes);
+    places.resize(points.size() * 2 * size);
+    slopes.resize(points.size() * 4);
+    slave_places(pair, points, places, slopes);
     std::ranges::fill(sum, 0.0);
     for (std::size_t p = 0; p < points.size(); ++p)
     {
       const double force = points[p].weight * rest[first + p];
-      const double* motion = moves ? &motions_of(pieces)[(first + p) * 3 * size] : nullptr;
-      const auto N = shape_functions(pieces.slave.type,
-                                     pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta);
+      const auto& place = pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta;
+      const auto N = shape_functions(pieces.slave.type, place);
+      const auto dN = trace_gradients(pieces.slave.type, 1, place);
+      const auto moved = std::span(places).subspan(2 * p * size, 2 * size);
+      if (moves && !pieces.corner_end.empty())
+      {
+        const PieceMotion motion = motion_of(pieces, i);
+        const double* slope = &slopes[4 * p];
+        for (std::size_t a = 0; a < 2; ++a)
+          add_motion(pair, motion, p, {slope[2 * a], slope[2 * a + 1], 0},
+                     moved.subspan(a * size, size));
+        std::ranges::fill(grows, 0.0);
+        add_motion(pair, motion, p, {0, 0, 1}, grows);
+      }
+      std::array<double, 2> change{};
+      for (std::size_t k = 0; k < nk; ++k)
+        for (std::size_t a = 0; a < 2; ++a)
+          change[a] += lambda[i * nk + k] * dN[k][a];
+      for (std::size_t c = 0; c < size; ++c)
+        gradient[(first + p) * size + c] = change[0] * moved[c] + change[1] * moved[size + c];
       for (std::size_t k = 0; k < nk; ++k)
         for (std::size_t c = 0; c < size; ++c)
-        {
-          double value = functions[(p * nk + k) * size + c];
-          if (moves)
-          {
-            const double* slope = &slopes[(p * nk + k) * 2];
-            value += slope[0] * motion[c] + slope[1] * motion[size + c];
-            sum[k * size + c] += force * N[k] * motion[2 * size + c];
-          }
-          gradient[(first + p) * size + c] += lambda[i * nk + k] * value;
-          sum[k * size + c] += force * value;
-          for (std::size_t r = 0; r < turn.size() / size; ++r)
-            sum[k * size + c] -= points[p].weight * N[k] * across * turning[3 * (first + p) + r]
-                                 * turn[r * size + c];
-        }
+          sum[k * size + c]
+              += force * (dN[k][0] * moved[c] + dN[k][1] * moved[size + c] + N[k] * grows[c]);
+      for (std::size_t r = 0; r < turn.size() / size; ++r)
+      {
+        const double turned = points[p].weight * across * turning[3 * (first + p) + r];
+        for (std::size_t k = 0; k < nk; ++k)
+          for (std::size_t c = 0; c < size; ++c)
+            sum[k * size + c] -= N[k] * turned * turn[r * size + c];
+      }
     }
     for (std::size_t s = 0; s < 2; ++s)
     {
@@ -540,20 +557,23 @@ std::vector<double> SlipOfPieces::moving_gradient(const Pieces& pieces,
 {
   if (leaning.size() < pieces.points.size())
     throw std::invalid_argument("a number for each point");
-  const std::vector<double>& motions = motions_of(pieces);
   std::vector<double> out = gradient;
   const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
-  for (std::size_t p = 0; p < pieces.points.size(); ++p)
-    for (std::size_t a = 0; a < 2; ++a)
-      for (std::size_t j = 0; j < nodes; ++j)
-        for (std::size_t r = 0; r < 3; ++r)
-          for (std::size_t c = 0; c < 3; ++c)
-            out[((p * nodes + j) * 3 + r) * 3 + c]
-                += slope[6 * p + 3 * a + r] * motions[((p * 3 + a) * nodes + j) * 3 + c];
-  std::vector<double> turn(9 * nodes);
+  std::vector<double> moved(3 * nodes), turn(9 * nodes);
   for (std::size_t i = 0, p = 0; i < pieces.size(); ++i)
   {
-    normal_gradient(pair_of(pieces, i), turn);
+    const RayPair pair = pair_of(pieces, i);
+    for (std::size_t q = 0; q < pieces.points_of(i).size() && !pieces.corner_end.empty(); ++q)
+      for (std::size_t r = 0; r < 3; ++r)
+      {
+        std::ranges::fill(moved, 0.0);
+        const double* by_xi = &slope[6 * (p + q) + r];
+        add_motion(pair, motion_of(pieces, i), q, {by_xi[0], by_xi[3], 0}, moved);
+        for (std::size_t j = 0; j < nodes; ++j)
+          for (std::size_t c = 0; c < 3; ++c)
+            out[(((p + q) * nodes + j) * 3 + r) * 3 + c] += moved[3 * j + c];
+      }
+    normal_gradient(pair, turn);
     for (; p < pieces.end[i]; ++p)
       for (std::size_t j = 0; j < nodes; ++j)
         for (std::size_t r = 0; r < 3; ++r)

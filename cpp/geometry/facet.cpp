@@ -36,13 +36,6 @@ std::array<std::array<double, 2>, 4> shape_gradients(FacetType type, std::array<
 }
 } // namespace
 
-int qsdolfinx::trace_size(FacetType type, int degree)
-{
-  if (degree == 1)
-    return static_cast<int>(type);
-  return type == FacetType::interval ? 3 : type == FacetType::triangle ? 6 : 9;
-}
-
 std::span<const std::array<int, 2>> qsdolfinx::facet_edges(FacetType type)
 {
   static constexpr std::array<std::array<int, 2>, 1> interval{{{0, 1}}};

@@ -98,7 +98,12 @@ inline std::array<double, 2> facet_centre(FacetType type)
 inline constexpr int max_trace = 9;
 
 /// Number of trace functions on a facet. @param degree 1 or 2
-int trace_size(FacetType type, int degree);
+inline int trace_size(FacetType type, int degree)
+{
+  if (degree == 1)
+    return static_cast<int>(type);
+  return type == FacetType::interval ? 3 : type == FacetType::triangle ? 6 : 9;
+}
 
 /// Lagrange functions of degree 1 or 2 at ξ; the unused ones are 0. Vertices come first, then, for
 /// degree 2, the edges in the order of `facet_edges`, and the interior of a quadrilateral.

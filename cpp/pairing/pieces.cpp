@@ -36,19 +36,18 @@ void qsdolfinx::solve_pieces(Pieces& pieces)
     pieces.is_missed[i] = !solve_rays(pair_of(pieces, i), pieces.points_of(i));
 }
 
-const std::vector<double>& qsdolfinx::motions_of(const Pieces& pieces)
+PieceMotion qsdolfinx::motion_of(const Pieces& pieces, std::size_t piece)
 {
-  const auto size = 9 * static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
-  if (pieces.motions.size() == size * pieces.points.size())
-    return pieces.motions;
-  pieces.motions.resize(size * pieces.points.size());
-  std::size_t first = 0;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
+  auto& [velocity, end, points] = pieces.motions;
+  if (end.empty())
   {
-    const auto points = pieces.points_of(i);
-    const auto out = std::span(pieces.motions).subspan(first, points.size() * size);
-    point_motions(pair_of(pieces, i), pieces.shape_of(i), points, out);
-    first += out.size();
+    points.reserve(pieces.points.size());
+    for (std::size_t i = 0; i < pieces.size(); ++i)
+    {
+      append_motions(pair_of(pieces, i), pieces.shape_of(i), pieces.points_of(i), velocity, points);
+      end.push_back(velocity.size());
+    }
   }
-  return pieces.motions;
+  return {Pieces::part_of(std::span<const double>(velocity), end, piece),
+          Pieces::part_of(std::span<const PointMotion>(points), pieces.end, piece)};
 }

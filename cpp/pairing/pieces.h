@@ -47,8 +47,15 @@ struct Pieces
   std::vector<std::size_t> corner_end; ///< corners of a piece: [corner_end[piece - 1],
                                        ///< corner_end[piece])
   std::vector<PieceCorner> corners;
-  std::vector<PointPlace> places;      ///< [point]
-  mutable std::vector<double> motions; ///< cache of motions_of; empty before its first call
+  std::vector<PointPlace> places; ///< [point]
+  /// Cache of motion_of; empty before its first call.
+  struct Motions
+  {
+    std::vector<double> velocity;
+    std::vector<std::size_t> end; ///< of the velocities of a piece
+    std::vector<PointMotion> points;
+  };
+  mutable Motions motions;
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
@@ -68,7 +75,6 @@ struct Pieces
             axisymmetric};
   }
 
-private:
   template <typename T>
   static std::span<T> part_of(std::span<T> all, const std::vector<std::size_t>& end,
                               std::size_t piece)
@@ -81,9 +87,9 @@ private:
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
 
-/// Results of point_motions for all points, [point][3][node][3], the slave's nodes first. Computed
-/// in the first call.
-const std::vector<double>& motions_of(const Pieces& pieces);
+/// Motion of the points of a piece with corners. Those of all pieces are computed in the first
+/// call.
+PieceMotion motion_of(const Pieces& pieces, std::size_t piece);
 
 /// Find where the rays of all points meet the other facets.
 void solve_pieces(Pieces& pieces);

@@ -69,6 +69,12 @@ public:
     const Vec3 s = factor_ * cross(d1_, d2_);
     length_ = norm(s);
     n_ = 1 / length_ * s;
+    for (int r = 0; r < 3; ++r)
+    {
+      Vec3 axis{};
+      axis[r] = 1;
+      add_area(across(axis), gradient_[r].data());
+    }
   }
 
   int num_vertices() const { return num_vertices_; }
@@ -78,19 +84,25 @@ public:
   /// Return k = (c − n (n·c)) / |s|, for which c·δn = k·δs.
   Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
 
-  /// Add the gradient of k·s for a constant k. @param to first vertex @param stride to the next one
-  void add_area(const Vec3& k, double* to, int stride = 3) const
+  /// Add the gradient of k·s for a constant k. @param to first vertex
+  void add_area(const Vec3& k, double* to) const
   {
     const Vec3 first = factor_ * cross(d2_, k), second = factor_ * cross(k, d1_);
     for (int i = 0; i < num_vertices_; ++i)
     {
-      add(to + i * stride, signs1_[i], first);
-      add(to + i * stride, signs2_[i], second);
+      add(to + 3 * i, signs1_[i], first);
+      add(to + 3 * i, signs2_[i], second);
     }
   }
 
-  /// Add the gradient of c·n for a constant c.
-  void add_to(const Vec3& c, double* to, int stride = 3) const { add_area(across(c), to, stride); }
+  /// Add the gradient of c·n for a constant c. @tparam stride from a vertex to the next one
+  template <int stride = 3>
+  void add_to(const Vec3& c, double* to) const
+  {
+    for (int i = 0; i < 3 * num_vertices_; ++i)
+      to[stride == 3 ? i : i / 3 * stride + i % 3]
+          += c[0] * gradient_[0][i] + c[1] * gradient_[1][i] + c[2] * gradient_[2][i];
+  }
 
   /// Add a matrix whose sum with its transpose is the matrix of k·∂²s. @param to first vertex,
   /// first column @param size length of a row
@@ -110,6 +122,8 @@ private:
   double factor_, length_;
   std::array<double, 4> signs1_{}, signs2_{};
   Vec3 d1_, d2_{0, 0, 1}, n_;
+  std::array<std::array<double, 12>, 3>
+      gradient_{}; ///< of the components of n, [component][vertex][3]
 };
 
 /// Rows of J⁻¹. In 2D nothing moves along the third axis, and the second ζ is left out.
@@ -143,6 +157,11 @@ inline std::array<Vec3, 2> tangents(const RayFacet& facet, const Vec3& origin,
   if (facet.type == FacetType::interval)
     a[1] = {0, 0, 1};
   return a;
+}
+
+inline std::array<Vec3, 2> tangents_at(const RayFacet& facet, const Vec2& xi)
+{
+  return tangents(facet, facet_vertex(facet.x, 0), trace_gradients(facet.type, facet.degree, xi));
 }
 
 inline Vec3 point_of(const RayFacet& facet, const Vec3& origin, const Vec2& xi)
@@ -186,8 +205,12 @@ struct Ray
   Row form(const Columns& columns, const Normal& normal, const Vec3& c) const
   {
     Row row;
-    std::fill_n(row.begin(), columns.size(), 0.0);
-    add_to(columns, c, row.data());
+    for (int i = 0; i < columns.num_cut; ++i)
+      for (int d = 0; d < 3; ++d)
+        row[3 * (columns.cut + i) + d] = T[i] * c[d];
+    for (int j = 0; j < columns.num_other; ++j)
+      for (int d = 0; d < 3; ++d)
+        row[3 * (columns.other + j) + d] = -M[j] * c[d];
     normal.add_to(t * c, &row[3 * columns.along]);
     return row;
   }

@@ -3,7 +3,6 @@
 #include "sliding/forms.h"
 
 #include <algorithm>
-#include <tuple>
 #include <vector>
 
 using namespace qsdolfinx;
@@ -29,47 +28,44 @@ struct InPlane
 {
   InPlane(const RayFacet& facet, const Frame& frame, const Normal& normal, int first, int along,
           int size, int dim)
-      : velocity(static_cast<std::size_t>(2 * facet.num_vertices()))
   {
     const std::array<Vec3, 2> e{frame.e0, frame.e1};
     for (int i = 0; i < facet.num_vertices(); ++i)
     {
       const Vec3 x = facet_vertex(facet.x, i);
       q[i] = frame.project(x);
-      const double height = dot(normal.n(), x - frame.origin);
+      height[i] = dot(normal.n(), x - frame.origin);
       for (int d = 0; d < dim; ++d)
       {
-        Row& row = velocity[static_cast<std::size_t>(2 * i + d)];
+        Row& row = velocity[2 * i + d];
         std::fill_n(row.begin(), size, 0.0);
         add(&row[3 * (first + i)], 1, e[d]);
-        normal.add_to(-height * e[d], &row[3 * along]);
+        normal.add_to(-height[i] * e[d], &row[3 * along]);
       }
     }
   }
 
-  const Row& of(int vertex, int d) const
-  {
-    return velocity[static_cast<std::size_t>(2 * vertex + d)];
-  }
+  const Row& of(int vertex, int d) const { return velocity[2 * vertex + d]; }
 
   std::array<Vec2, 4> q{};
-  std::vector<Row> velocity; ///< [vertex][direction]
+  std::array<double, 4> height{};
+  std::array<Row, 8> velocity; ///< [vertex][direction]
 };
 
 /// Corners of a piece and their motion.
 class Motion
 {
 public:
-  Motion(const RayPair& pair, const PieceShape& shape)
+  /// @param velocity of corners, appended
+  Motion(const RayPair& pair, const PieceShape& shape, std::vector<double>& velocity)
       : cut_(pair.cut), shape_(shape), type_(pair.cut.type), dim_(dim_of(pair)), columns_(pair),
-        size_(columns_.size()),
-        planar_(type_, vertices_of(pair.cut), Frame(type_, vertices_of(pair.cut)))
+        size_(columns_.size()), frame_(type_, vertices_of(pair.cut)), normal_(pair.cut),
+        first_(velocity.size()), velocity_(velocity)
   {
-    const Frame frame(type_, vertices_of(pair.cut));
-    const Normal normal(pair.cut);
-    const InPlane cut(pair.cut, frame, normal, columns_.cut, columns_.along, size_, dim_),
-        other(pair.other, frame, normal, columns_.other, columns_.along, size_, dim_);
+    const InPlane cut(pair.cut, frame_, normal_, columns_.cut, columns_.along, size_, dim_),
+        other(pair.other, frame_, normal_, columns_.other, columns_.along, size_, dim_);
     vertices_ = cut.q;
+    heights_ = cut.height;
     least_area_ = flat * std::abs(cross(cut.q[1] - cut.q[0], cut.q[2] - cut.q[0]));
     for (const PieceCorner& corner : shape.corners)
       append_corner(corner, cut, other);
@@ -78,76 +74,72 @@ public:
         { return std::ranges::find(place.corner, middle_corner) != place.corner.end(); });
     if (has_middle)
       append_middle();
-    if (planar_.affine()) // U is linear, too: store V − U at corners
-      for (std::size_t c = 0; c < q_.size(); ++c)
-        take_off(c, cut);
-    else
-      for (int i = 0; i < cut_vertices(); ++i)
-        for (int d = 0; d < dim_; ++d)
-          velocity_.push_back(cut.of(i, d));
-    uniform_ = !shape.axisymmetric && is_flat(pair.cut);
-    if (uniform_)
-    {
-      area_slot_ = velocity_.size();
-      velocity_.push_back(area_of(RayPoint{}).growth);
-    }
   }
 
-  /// δξ₁, δξ₂ and δ ln w of a point. @param out [3][column]
-  void rows(std::size_t p, const RayPoint& point, std::span<double> out) const
+  PointMotion of(std::size_t p, const RayPoint& point) const
   {
-    const auto [slots, inverse, growth] = moves_with(p, point);
-    const auto n = static_cast<std::size_t>(size_);
-    std::ranges::fill(out, 0.0);
-    const Row grows = uniform_ ? velocity_[area_slot_] : area_of(point).growth;
-    std::copy_n(grows.begin(), n, out.subspan(2 * n).begin());
-    for (const Slot& slot : slots)
+    const PointPlace& place = shape_.places[p];
+    const auto N = shape_functions(type_, point.xi);
+    const auto dN = trace_gradients(type_, 1, point.xi);
+    const Matrix2 t = tangents(dN), inverse = inverse_of(t);
+    const auto [values, gradients] = within(place);
+    const std::array<Vec3, 2> e{frame_.e0, frame_.e1};
+    PointMotion out;
+    for (int b = 0; b <= dim_; ++b)
+    {
+      out.corner[b] = slot(place.corner[b]);
+      std::copy_n(gradients[b].begin(), dim_, &out.by_corner[2][2 * b]);
+    }
+    const Vec2 growth = add_area(point, N, dN, out.by_vertex[2]) - bending(t); // ∂ ln(S/J)/∂ξ
+    std::array<Vec3, 4> spreading{}; // div U = Σ_i spreading_i·U_i
+    for (int a = 0; a < dim_; ++a)
+    {
+      std::array<Vec3, 4> going{}; // δξ_a of U, the same sum
+      Vec3 along{};
       for (int d = 0; d < dim_; ++d)
       {
-        const Row& moves = velocity_[slot.number * dim_ + d];
-        for (int a = 0; a < dim_; ++a)
-          for (std::size_t i = 0; i < n; ++i)
-            out[a * n + i] += slot.value * inverse[a][d] * moves[i];
-        for (std::size_t i = 0; i < n; ++i)
-          out[2 * n + i] += slot.gradient[d] * moves[i];
+        add(along.data(), inverse[a][d], e[d]);
+        for (int b = 0; b <= dim_; ++b)
+          out.by_corner[a][2 * b + d] = values[b] * inverse[a][d];
       }
-    for (int a = 0; a < dim_; ++a)
-      for (std::size_t i = 0; i < n; ++i)
-        out[2 * n + i] += growth[a] * out[a * n + i];
+      for (int i = 0; i < cut_vertices(); ++i)
+      {
+        going[i] = N[i] * along;
+        add(spreading[i].data(), dN[i][a], along);
+      }
+      take_off(going, out.by_vertex[a]);
+    }
+    take_off(spreading, out.by_vertex[2]);
+    const auto add_growth = [&](auto& by)
+    {
+      for (int a = 0; a < dim_; ++a)
+        for (std::size_t i = 0; i < by[a].size(); ++i)
+          by[2][i] += growth[a] * by[a][i];
+    };
+    add_growth(out.by_corner);
+    add_growth(out.by_vertex);
+    return out;
   }
 
 private:
-  /// Whether a facet has the same area per reference area everywhere.
-  static bool is_flat(const RayFacet& facet)
+  using OfVertices = std::array<double, 3 * 4>;
+
+  /// Subtract Σ_i k_i·U_i, k_i being vectors in the plane.
+  void take_off(const std::array<Vec3, 4>& k, OfVertices& row) const
   {
-    if (facet.type != FacetType::quadrilateral)
-      return true;
-    const auto x = [&](int i) { return facet_vertex(facet.x, i); };
-    const Vec3 twist = x(3) - x(1) - x(2) + x(0), side = x(3) - x(0);
-    return dot(twist, twist) <= 1e-26 * dot(side, side);
+    Vec3 lever{};
+    for (int i = 0; i < cut_vertices(); ++i)
+    {
+      add(&row[3 * i], -1, k[i]);
+      lever = lever + heights_[i] * k[i];
+    }
+    normal_.add_to(lever, row.data());
   }
 
-  /// Contribution of a slot to the motion of a point: V − U and its divergence are sums of `value`
-  /// and `gradient` times the velocities of the slots.
-  struct Slot
+  /// Add δ ln S at a fixed place of the facet. @returns ∂ ln S/∂ξ
+  Vec2 add_area(const RayPoint& point, const std::array<double, 4>& N,
+                const std::array<Vec2, max_trace>& dN, OfVertices& row) const
   {
-    std::size_t number;
-    double value;
-    Vec2 gradient;
-  };
-
-  /// δ ln S at a fixed place of the facet, and ∂ ln S/∂ξ.
-  struct Area
-  {
-    Row growth{};
-    Vec2 slope{};
-  };
-
-  Area area_of(const RayPoint& point) const
-  {
-    Area out;
-    const auto dN = trace_gradients(type_, 1, point.xi);
-    const auto N = shape_functions(type_, point.xi);
     const RayFacet chord{type_, 1, vertices_of(cut_), cut_.orientation};
     const Vec3 origin = facet_vertex(cut_.x, 0);
     const auto t = forms::tangents(chord, origin, dN);
@@ -156,43 +148,23 @@ private:
     const Vec3 first = (1 / square) * cross(t[1], s), second = (1 / square) * cross(s, t[0]);
     for (int i = 0; i < cut_vertices(); ++i)
     {
-      double* at = &out.growth[3 * (columns_.cut + i)];
-      add(at, dN[i][0], first);
+      add(&row[3 * i], dN[i][0], first);
       if (dim_ == 2)
-        add(at, dN[i][1], second);
+        add(&row[3 * i], dN[i][1], second);
       if (shape_.axisymmetric)
-        at[0] += N[i] / r;
+        row[3 * i] += N[i] / r;
     }
+    Vec2 slope{};
     if (type_ == FacetType::quadrilateral)
     {
       Vec3 twist{};
       for (int i = 0; i < 4; ++i)
         add(twist.data(), i == 0 || i == 3 ? 1 : -1, facet_vertex(cut_.x, i) - origin);
-      out.slope = {dot(s, cross(t[0], twist)) / square, dot(s, cross(twist, t[1])) / square};
+      slope = {dot(s, cross(t[0], twist)) / square, dot(s, cross(twist, t[1])) / square};
     }
     if (shape_.axisymmetric)
-      out.slope[0] += t[0][0] / r;
-    return out;
-  }
-
-  /// @returns the slots that move a point, (∂q/∂ξ)⁻¹, and ∂ ln(S/J)/∂ξ
-  std::tuple<std::vector<Slot>, Matrix2, Vec2> moves_with(std::size_t p,
-                                                          const RayPoint& point) const
-  {
-    const PointPlace& place = shape_.places[p];
-    const auto dN = trace_gradients(type_, 1, point.xi);
-    const Matrix2 t = tangents(dN), inverse = inverse_of(t);
-    const auto [values, gradients] = within(place);
-    std::vector<Slot> out;
-    for (int b = 0; b <= dim_; ++b)
-      out.push_back({slot(place.corner[b]), values[b], gradients[b]});
-    const auto N = shape_functions(type_, point.xi);
-    for (int i = 0; i < cut_vertices() && !planar_.affine(); ++i)
-      out.push_back({q_.size() + i,
-                     -N[i],
-                     {-dN[i][0] * inverse[0][0] - dN[i][1] * inverse[1][0],
-                      -dN[i][0] * inverse[0][1] - dN[i][1] * inverse[1][1]}});
-    return {out, inverse, area_of(point).slope - bending(t)};
+      slope[0] += t[0][0] / r;
+    return slope;
   }
 
   static std::span<const double> vertices_of(const RayFacet& facet)
@@ -202,15 +174,23 @@ private:
 
   int cut_vertices() const { return static_cast<int>(type_); }
 
-  std::size_t slot(std::uint8_t corner) const
+  std::uint8_t slot(std::uint8_t corner) const
   {
-    return corner == middle_corner ? shape_.corners.size() : corner;
+    return corner == middle_corner ? static_cast<std::uint8_t>(shape_.corners.size()) : corner;
   }
 
-  void append(const Vec2& q, const std::array<Row, 2>& velocity)
+  /// Velocity of a corner.
+  const double* of_corner(std::size_t corner, int d) const
+  {
+    return &velocity_[first_ + (corner * dim_ + d) * size_];
+  }
+
+  void append(const Vec2& q, const Row& first, const Row& second)
   {
     q_.push_back(q);
-    velocity_.insert(velocity_.end(), velocity.begin(), velocity.begin() + dim_);
+    velocity_.insert(velocity_.end(), first.begin(), first.begin() + size_);
+    if (dim_ == 2)
+      velocity_.insert(velocity_.end(), second.begin(), second.begin() + size_);
   }
 
   void append_corner(const PieceCorner& corner, const InPlane& cut, const InPlane& other)
@@ -221,7 +201,7 @@ private:
     {
       const InPlane& own = c < 0 ? cut : other;
       const int vertex = c < 0 ? a : c;
-      return append(own.q[vertex], {own.of(vertex, 0), own.of(vertex, dim_ - 1)});
+      return append(own.q[vertex], own.of(vertex, 0), own.of(vertex, dim_ - 1));
     }
     // V stays on both lines: V = W + t (u × (X − W))/(u × t), where the lines along t and u move
     // with W and X.
@@ -243,7 +223,7 @@ private:
     for (int k = 0; k < 2; ++k)
       for (int i = 0; i < size_; ++i)
         out[k][i] = W[k][i] + t[k] * across[i];
-    append(cut.q[a] + s * t, out);
+    append(cut.q[a] + s * t, out[0], out[1]);
   }
 
   /// The middle of the area between corners, m = Σ A_k m_k / Σ A_k over the triangles of a fan.
@@ -270,10 +250,14 @@ private:
           middle = middle + part * its;
           area += part;
         });
-    if (area <= least_area_) // all corners are at one place or on one line
-      return append(q_[around[0]], {velocity_[2 * around[0]], velocity_[2 * around[0] + 1]});
-    middle = (1 / area) * middle;
     std::array<Row, 2> out;
+    if (area <= least_area_) // all corners are at one place or on one line
+    {
+      for (int d = 0; d < 2; ++d)
+        std::copy_n(of_corner(around[0], d), size_, out[d].begin());
+      return append(q_[around[0]], out[0], out[1]);
+    }
+    middle = (1 / area) * middle;
     for (Row& row : out)
       std::fill_n(row.begin(), size_, 0.0);
     each(
@@ -289,28 +273,12 @@ private:
               for (int k = 0; k < 2; ++k)
               {
                 const double factor = (of_area[c][d] * lever[k] + (d == k) * part / 3) / area;
-                const Row& moves = velocity_[2 * at[c] + d];
+                const double* moves = of_corner(at[c], d);
                 for (int i = 0; i < size_; ++i)
                   out[k][i] += factor * moves[i];
               }
         });
-    append(middle, out);
-  }
-
-  /// Replace a corner's velocity by its velocity relative to the facet's material.
-  void take_off(std::size_t c, const InPlane& cut)
-  {
-    if (c < shape_.corners.size() && shape_.corners[c].other[0] < 0) // a vertex of this facet
-    {
-      for (int d = 0; d < dim_; ++d)
-        velocity_[c * dim_ + d].fill(0.0);
-      return;
-    }
-    const auto N = shape_functions(type_, planar_.invert(q_[c]));
-    for (int d = 0; d < dim_; ++d)
-      for (int i = 0; i < cut_vertices(); ++i)
-        for (int k = 0; k < size_; ++k)
-          velocity_[c * dim_ + d][k] -= N[i] * cut.of(i, d)[k];
+    append(middle, out[0], out[1]);
   }
 
   /// Values of the functions of a triangle's corners at a point, and their gradients.
@@ -351,7 +319,7 @@ private:
   /// ∂ ln J/∂ξ
   Vec2 bending(const Matrix2& t) const
   {
-    if (planar_.affine())
+    if (type_ != FacetType::quadrilateral)
       return {0, 0};
     const Vec2 twist = vertices_[3] - vertices_[1] - vertices_[2] + vertices_[0];
     const double scale = 1 / cross(t[0], t[1]);
@@ -364,73 +332,107 @@ private:
   int dim_;
   Columns columns_;
   int size_;
-  PlanarFacet planar_;
-  std::array<Vec2, 4> vertices_{}; ///< of the facet that is cut
-  double least_area_ = 0;          ///< of a triangle that is not degenerate
-  std::vector<Vec2> q_;            ///< of corners, and of the middle
-  std::vector<Row> velocity_;      ///< of these, and of the facet's vertices, [slot][direction]
-  bool uniform_ = false;           ///< whether δ ln S is the same at all points, a slot of its own
-  std::size_t area_slot_ = 0;
+  Frame frame_;
+  Normal normal_;
+  std::array<Vec2, 4> vertices_{};  ///< of the facet that is cut
+  std::array<double, 4> heights_{}; ///< of these above the plane
+  double least_area_ = 0;           ///< of a triangle that is not degenerate
+  std::vector<Vec2> q_;             ///< of corners, and of the middle
+  std::size_t first_;
+  std::vector<double>& velocity_; ///< of these, from `first_` on
 };
 
-/// Products of linear forms with the motion of the points of a piece.
+/// Products of linear forms with the motion of the points of a piece. Points have few corners, and
+/// their forms are added for each corner before they are multiplied by its velocity.
 class Moved
 {
 public:
-  /// @param motions from point_motions
-  Moved(const RayPair& pair, std::span<const double> motions)
-      : n_(3 * static_cast<std::size_t>(pair.num_nodes())), dim_(dim_of(pair)), motions_(motions)
+  Moved(const RayPair& pair, const PieceMotion& motion)
+      : motion_(motion), n_(3 * static_cast<std::size_t>(pair.num_nodes())),
+        dim_(static_cast<std::size_t>(dim_of(pair))),
+        of_vertices_(3 * static_cast<std::size_t>(pair.cut.num_vertices())),
+        first_(3 * static_cast<std::size_t>(Columns(pair).cut)), of_corners_(motion.velocity.size())
   {
   }
 
-  /// @param by_xi, by_weight forms that are multiplied by δξ and δ ln w of the point
-  void add_point(std::size_t p, const std::array<Row, 2>& by_xi, const Row& by_weight)
+  /// @param forms that are multiplied by δξ₁, δξ₂ and δ ln w of the point
+  void add_point(std::size_t p, const std::array<Row, 3>& forms)
   {
-    const auto of_point = motions_.subspan(3 * n_ * p, 3 * n_);
-    for (int a = 0; a < dim_; ++a)
-      add_row(by_xi[a], of_point.subspan(a * n_, n_));
-    add_row(by_weight, of_point.subspan(2 * n_, n_));
+    const auto& [corner, by_corner, by_vertex] = motion_.points[p];
+    for (std::size_t b = 0; b <= dim_; ++b)
+      for (std::size_t d = 0; d < dim_; ++d)
+      {
+        double* to = &of_corners_[(corner[b] * dim_ + d) * n_];
+        const std::size_t k = 2 * b + d;
+        for (std::size_t i = 0; i < n_; ++i)
+          to[i] += by_corner[0][k] * forms[0][i] + by_corner[1][k] * forms[1][i]
+                   + by_corner[2][k] * forms[2][i];
+      }
+    for (std::size_t a = 0; a < 3; ++a)
+    {
+      left_.insert(left_.end(), forms[a].begin(), forms[a].begin() + n_);
+      right_.insert(right_.end(), by_vertex[a].begin(), by_vertex[a].begin() + of_vertices_);
+    }
   }
 
   /// @param out [column][column]
   void add_to(std::span<double> out) const
   {
-    add_outer_products(left_, right_, {}, n_, n_, out.data());
+    add_outer_products(of_corners_, motion_.velocity, {}, n_, n_, out.data());
+    std::array<double, max_columns * 3 * 4> own{};
+    add_outer_products(left_, right_, {}, n_, of_vertices_, own.data());
+    for (std::size_t i = 0; i < n_; ++i)
+      for (std::size_t j = 0; j < of_vertices_; ++j)
+        out[i * n_ + first_ + j] += own[i * of_vertices_ + j];
   }
 
 private:
-  void add_row(const Row& form, std::span<const double> motion)
-  {
-    left_.insert(left_.end(), form.begin(), form.begin() + n_);
-    right_.insert(right_.end(), motion.begin(), motion.end());
-  }
-
-  std::size_t n_;
-  int dim_;
-  std::span<const double> motions_;
-  std::vector<double> left_, right_;
+  const PieceMotion& motion_;
+  std::size_t n_, dim_, of_vertices_, first_;
+  std::vector<double> of_corners_;   ///< sums of forms, [corner][direction][column]
+  std::vector<double> left_, right_; ///< products with motions of the facet's vertices
 };
 } // namespace
 
-void qsdolfinx::point_motions(const RayPair& pair, const PieceShape& shape,
-                              std::span<const RayPoint> points, std::span<double> out)
+void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
+                               std::span<const RayPoint> points, std::vector<double>& velocity,
+                               std::vector<PointMotion>& motions)
 {
-  std::ranges::fill(out, 0.0);
-  if (shape.corners.empty())
-    return;
-  const Motion motion(pair, shape);
-  const auto size = 9 * static_cast<std::size_t>(pair.num_nodes());
+  const Motion motion(pair, shape, velocity);
   for (std::size_t p = 0; p < points.size(); ++p)
-    motion.rows(p, points[p], out.subspan(p * size, size));
+    motions.push_back(motion.of(p, points[p]));
 }
 
-void qsdolfinx::add_motion_of_points(const RayPair& pair, std::span<const double> motions,
+void qsdolfinx::add_motion(const RayPair& pair, const PieceMotion& motion, std::size_t point,
+                           const std::array<double, 3>& factors, std::span<double> row)
+{
+  const auto& [corner, by_corner, by_vertex] = motion.points[point];
+  const auto dim = static_cast<std::size_t>(dim_of(pair)), size = row.size();
+  const auto sum = [&](const auto& by, std::size_t k)
+  { return factors[0] * by[0][k] + factors[1] * by[1][k] + factors[2] * by[2][k]; };
+  std::array<double, 6> factor{};
+  std::array<const double*, 6> velocity;
+  for (std::size_t k = 0; k < 6; ++k) // in 2D some factors are 0
+  {
+    factor[k] = sum(by_corner, k);
+    velocity[k] = &motion.velocity[(corner[k / 2] * dim + k % dim) * size];
+  }
+  for (std::size_t i = 0; i < size; ++i)
+    row[i] += factor[0] * velocity[0][i] + factor[1] * velocity[1][i] + factor[2] * velocity[2][i]
+              + factor[3] * velocity[3][i] + factor[4] * velocity[4][i]
+              + factor[5] * velocity[5][i];
+  const auto first = 3 * static_cast<std::size_t>(Columns(pair).cut);
+  for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(pair.cut.num_vertices()); ++i)
+    row[first + i] += sum(by_vertex, i);
+}
+
+void qsdolfinx::add_motion_of_points(const RayPair& pair, const PieceMotion& motion,
                                      std::span<const RayPoint> points,
                                      std::span<const double> pressure, std::span<double> hessian)
 {
   const Normal normal(pair.cut);
   const Columns columns(pair);
-  Moved moved(pair, motions);
+  Moved moved(pair, motion);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     if (pressure[p] == 0)
@@ -438,15 +440,14 @@ void qsdolfinx::add_motion_of_points(const RayPair& pair, std::span<const double
     const RayByXi at(pair, normal, columns, points[p]);
     const double force = points[p].weight * pressure[p];
     const Vec3 c = -force * at.ray.A.t;
-    std::array<Row, 2> by_xi;
-    for (int a = 0; a < dim_of(pair); ++a)
-      by_xi[a] = at.form(c, -force * at.change_of(at.ray.A.t, a), a);
-    moved.add_point(p, by_xi, at.ray.form(columns, normal, c));
+    moved.add_point(p, {at.form(c, -force * at.change_of(at.ray.A.t, 0), 0),
+                        at.form(c, -force * at.change_of(at.ray.A.t, 1), 1),
+                        at.ray.form(columns, normal, c)});
   }
   moved.add_to(hessian);
 }
 
-void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, std::span<const double> motions,
+void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceMotion& motion,
                                           std::span<const RayPoint> points,
                                           std::span<const double> traction,
                                           std::span<double> hessian)
@@ -454,7 +455,7 @@ void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, std::span<const d
   const Normal normal(pair.cut);
   const Columns columns(pair);
   const int dim = dim_of(pair);
-  Moved moved(pair, motions);
+  Moved moved(pair, motion);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const RayByXi at(pair, normal, columns, points[p]);
@@ -470,10 +471,8 @@ void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, std::span<const d
       for (int a = 0; a < dim; ++a)
         dc[a] = dc[a] + dot(force, at.da[a][b]) * A[b] + s * at.change_of(A[b], a);
     }
-    std::array<Row, 2> by_xi;
-    for (int a = 0; a < dim; ++a)
-      by_xi[a] = at.form(c, dc[a], a);
-    moved.add_point(p, by_xi, at.ray.form(columns, normal, c));
+    moved.add_point(p,
+                    {at.form(c, dc[0], 0), at.form(c, dc[1], 1), at.ray.form(columns, normal, c)});
   }
   moved.add_to(hessian);
 }

@@ -9,6 +9,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 namespace qsdolfinx
 {
@@ -41,22 +42,43 @@ struct PieceShape
   bool axisymmetric = false;            ///< whether areas are those of rings
 };
 
-/// Compute how points move: the derivatives of ξ₁, ξ₂ and ln w by the nodes of both facets. @param
-/// out [point][3][node][3]
-void point_motions(const RayPair& pair, const PieceShape& shape, std::span<const RayPoint> points,
-                   std::span<double> out);
+/// Motion of a point: δξ₁, δξ₂ and δ ln w as sums of velocities of the corners of its triangle, in
+/// the plane of the facet that is cut, and of this facet's vertices.
+struct PointMotion
+{
+  std::array<std::uint8_t, 3> corner{};                 ///< numbers of the corners
+  std::array<std::array<double, 6>, 3> by_corner{};     ///< [motion][corner][direction]
+  std::array<std::array<double, 3 * 4>, 3> by_vertex{}; ///< [motion][vertex][3]
+};
+
+/// Motions of the points of a piece.
+struct PieceMotion
+{
+  std::span<const double>
+      velocity; ///< of corners, then of the middle, [corner][direction][node][3]
+  std::span<const PointMotion> points;
+};
+
+/// Compute the motions of the points of a piece. @param velocity, motions appended, as in
+/// PieceMotion
+void append_motions(const RayPair& pair, const PieceShape& shape, std::span<const RayPoint> points,
+                    std::vector<double>& velocity, std::vector<PointMotion>& motions);
+
+/// Add the motions of a point, δξ₁, δξ₂ and δ ln w, times factors. @param row added, [node][3]
+void add_motion(const RayPair& pair, const PieceMotion& motion, std::size_t point,
+                const std::array<double, 3>& factors, std::span<double> row);
 
 /// Add the contribution of the motion of points to the derivative of Σ_p w_p p_p ∂g_p for constant
 /// p_p. The rest of this derivative is for fixed ξ and w.
-/// @param motions from point_motions @param pressure p_p, [point] @param hessian
-/// [node][3][node][3], rows are those of ∂g_p; not symmetric
-void add_motion_of_points(const RayPair& pair, std::span<const double> motions,
+/// @param pressure p_p, [point] @param hessian [node][3][node][3], rows are those of ∂g_p; not
+/// symmetric
+void add_motion_of_points(const RayPair& pair, const PieceMotion& motion,
                           std::span<const RayPoint> points, std::span<const double> pressure,
                           std::span<double> hessian);
 
 /// Add the same contribution for Σ_p w_p τ_p·(variation that tractions work on), see
 /// RaySlip::works. @param traction τ_p, [point][3]
-void add_slip_motion_of_points(const RayPair& pair, std::span<const double> motions,
+void add_slip_motion_of_points(const RayPair& pair, const PieceMotion& motion,
                                std::span<const RayPoint> points, std::span<const double> traction,
                                std::span<double> hessian);
 

@@ -45,21 +45,6 @@ bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
   return false;
 }
 
-/// The slave's vertex functions at a ray, and their derivatives by ζ, which are 0 if the slave is
-/// cut.
-struct Multipliers
-{
-  Multipliers(const RayPair& pair, const RayPoint& point)
-      : N(shape_functions(pair.slave().type, pair.cut_is_slave ? point.xi : point.zeta))
-  {
-    if (!pair.cut_is_slave)
-      dN = trace_gradients(pair.other.type, 1, point.zeta);
-  }
-
-  std::array<double, 4> N;
-  std::array<Vec2, max_trace> dN{};
-};
-
 /// w p at a ray; for a ray to a curved surface also the derivatives of w p h by ζ.
 struct Pressure
 {
@@ -320,7 +305,7 @@ void qsdolfinx::normal_gradient(const RayPair& pair, std::span<double> out)
 }
 
 void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
-                              std::span<double> out)
+                              std::span<double> out, std::span<double> slopes)
 {
   const Normal normal(pair.along());
   const Columns columns(pair);
@@ -330,57 +315,37 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
     const Ray ray(pair, normal, points[p]);
     const Row row = ray.form(columns, normal, ray.of_gap(1, lift_of(pair, points[p].zeta).slope));
     std::copy_n(row.begin(), size, out.subspan(p * size).begin());
-  }
-}
-
-void qsdolfinx::gap_slopes(const RayPair& pair, std::span<const RayPoint> points,
-                           std::span<double> out)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  for (std::size_t p = 0; p < points.size(); ++p)
-  {
-    const RayByXi at(pair, normal, columns, points[p]);
+    if (slopes.empty())
+      continue;
+    const auto along = tangents_at(pair.cut, points[p].xi);
     for (int a = 0; a < 2; ++a)
-      out[2 * p + a] = -at.dt[a];
+      slopes[2 * p + a] = -dot(ray.A.t, along[a]);
   }
 }
 
-void qsdolfinx::function_slopes(const RayPair& pair, std::span<const RayPoint> points,
-                                std::span<double> out)
+void qsdolfinx::slave_places(const RayPair& pair, std::span<const RayPoint> points,
+                             std::span<double> gradients, std::span<double> slopes)
 {
   const Normal normal(pair.along());
   const Columns columns(pair);
-  const auto nk = static_cast<std::size_t>(pair.slave().num_vertices());
+  const auto size = static_cast<std::size_t>(columns.size());
   for (std::size_t p = 0; p < points.size(); ++p)
   {
-    const RayByXi at(pair, normal, columns, points[p]);
-    const auto& place = pair.cut_is_slave ? points[p].xi : points[p].zeta;
-    const auto dN = trace_gradients(pair.slave().type, 1, place);
-    for (std::size_t k = 0; k < nk; ++k)
-      for (int a = 0; a < 2; ++a)
-        out[(p * nk + k) * 2 + a]
-            = pair.cut_is_slave ? dN[k][a] : dN[k][0] * at.dzeta[a][0] + dN[k][1] * at.dzeta[a][1];
-  }
-}
-
-void qsdolfinx::function_gradients(const RayPair& pair, std::span<const RayPoint> points,
-                                   std::span<double> out)
-{
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const auto size = static_cast<std::size_t>(columns.size()),
-             nk = static_cast<std::size_t>(pair.slave().num_vertices());
-  std::ranges::fill(out, 0.0);
-  for (std::size_t p = 0; p < points.size() && !pair.cut_is_slave; ++p)
-  {
-    const Ray ray(pair, normal, points[p]);
-    const Multipliers multipliers(pair, points[p]);
-    for (std::size_t k = 0; k < nk; ++k)
+    double* slope = &slopes[4 * p];
+    if (pair.cut_is_slave)
     {
-      const auto& [first, second] = multipliers.dN[k];
-      const Row row = ray.form(columns, normal, first * ray.A.zeta[0] + second * ray.A.zeta[1]);
-      std::copy_n(row.begin(), size, out.subspan((p * nk + k) * size).begin());
+      std::ranges::fill(gradients.subspan(2 * p * size, 2 * size), 0.0);
+      std::ranges::copy(std::array<double, 4>{1, 0, 0, 1}, slope);
+      continue;
+    }
+    const Ray ray(pair, normal, points[p]);
+    const auto along = tangents_at(pair.cut, points[p].xi);
+    for (std::size_t i = 0; i < 2; ++i)
+    {
+      const Row row = ray.form(columns, normal, ray.A.zeta[i]);
+      std::copy_n(row.begin(), size, gradients.subspan((2 * p + i) * size).begin());
+      for (std::size_t a = 0; a < 2; ++a)
+        slope[2 * i + a] = dot(ray.A.zeta[i], along[a]);
     }
   }
 }
@@ -408,14 +373,15 @@ struct Frame
   }
 
   /// Add the gradient of c·(s₁ e₁ + s₂ e₂) by the nodes of the facet, s constant.
-  void add_to(const Normal& normal, const Vec3& c, const Vec2& s, double* row, int stride) const
+  template <int stride>
+  void add_to(const Normal& normal, const Vec3& c, const Vec2& s, double* row) const
   {
     // c·δe₁ = k·δd₁ with k = (c − e₁ (e₁·c))/|d₁|, and c·δe₂ = c·(δn × e₁) + c·(n × δe₁).
     const Vec3 with_first = s[0] * c + s[1] * cross(c, n);
     const Vec3 k = 1 / length * (with_first - dot(e[0], with_first) * e[0]);
     add(row, -1, k);
     add(row + stride, 1, k);
-    normal.add_to(s[1] * cross(e[0], c), row, stride);
+    normal.add_to<stride>(s[1] * cross(e[0], c), row);
   }
 
   Vec3 n, edge;
@@ -512,10 +478,10 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
       Vec3 axis{};
       axis[r] = 1;
       ray.add_to(columns, slides[r], gradient + 3 * r, 9);
-      normal.add_to(ray.t * slides[r], gradient + 9 * columns.along + 3 * r, 9);
-      now.add_to(normal, axis, s, gradient + 9 * columns.along + 3 * r, 9);
+      normal.add_to<9>(ray.t * slides[r], gradient + 9 * columns.along + 3 * r);
+      now.add_to<9>(normal, axis, s, gradient + 9 * columns.along + 3 * r);
       ray.add_to(columns, works[r], work + 3 * r, 9);
-      normal.add_to(ray.t * works[r], work + 9 * columns.along + 3 * r, 9);
+      normal.add_to<9>(ray.t * works[r], work + 9 * columns.along + 3 * r);
     }
   }
 }

@@ -78,18 +78,16 @@ Vec3 normal_of(const RayPair& pair);
 void normal_gradient(const RayPair& pair, std::span<double> out);
 
 /// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
-void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
+/// @param slopes derivatives by ξ, nodes fixed, [point][2]; empty if not needed
+void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out,
+                   std::span<double> slopes = {});
 
-/// Derivatives of the gaps by ξ, nodes fixed. @param out [point][2]
-void gap_slopes(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
-
-/// Derivatives of the slave's vertex functions by ξ, nodes fixed. @param out [point][k][2]
-void function_slopes(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out);
-
-/// Gradients of the slave's vertex functions at points by the nodes of both facets, ξ fixed. They
-/// are 0 if the slave is cut. @param out [point][k][node][3]
-void function_gradients(const RayPair& pair, std::span<const RayPoint> points,
-                        std::span<double> out);
+/// Derivatives of the places of points on the slave, which are ξ or ζ.
+/// @param gradients by the nodes of both facets, ξ fixed, [point][2][node][3]; 0 if the slave is
+/// cut
+/// @param slopes by ξ, nodes fixed, [point][2][2]
+void slave_places(const RayPair& pair, std::span<const RayPoint> points,
+                  std::span<double> gradients, std::span<double> slopes);
 
 /// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. The matrix that is added is symmetric to the last bit.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]

@@ -73,7 +73,7 @@ struct Terms
   using In = std::span<const double>;
   using Out = std::span<double>;
   void (*fixed)(const RayPair&, Points, In, Out);
-  void (*moving)(const RayPair&, In, Points, In, Out);
+  void (*moving)(const RayPair&, const PieceMotion&, Points, In, Out);
   void (*rising)(const RayPair&, Points, In, Out, Out);
 };
 
@@ -85,8 +85,6 @@ void add_pieces(const Pieces& pieces, std::span<const double> stress, std::size_
     throw std::invalid_argument("a pressure or traction for each point");
   Insertion insertion(pieces, to);
   const bool have_corners = moves && !pieces.corner_end.empty();
-  const std::span<const double> motions
-      = have_corners ? std::span(motions_of(pieces)) : std::span<const double>();
   std::vector<double> H(insertion.size() * insertion.size()), by_normals;
   for (std::size_t i = 0, first = 0; i < pieces.size(); first = pieces.end[i++])
   {
@@ -98,7 +96,7 @@ void add_pieces(const Pieces& pieces, std::span<const double> stress, std::size_
     const RayPair pair = pair_of(pieces, i);
     terms.fixed(pair, points, of_piece, H);
     if (have_corners)
-      terms.moving(pair, motions.subspan(3 * insertion.size() * first), points, of_piece, H);
+      terms.moving(pair, motion_of(pieces, i), points, of_piece, H);
     if (moves)
     {
       by_normals.assign(3 * insertion.size() * static_cast<std::size_t>(pair.other.num_vertices()),

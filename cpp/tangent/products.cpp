@@ -30,38 +30,31 @@ public:
   /// Columns, ascending.
   const std::vector<PetscInt>& columns() const { return columns_; }
   /// Values of row k in these columns.
-  const double* row(std::size_t k) const { return values_.data() + k * columns_.size(); }
+  const double* row(std::size_t k) const { return values_.data() + k * (columns_.size() + 1); }
+  /// The first column in which row k may have values, and the one after the last.
+  const std::pair<std::size_t, std::size_t>& range(std::size_t k) const { return ranges_[k]; }
 
 private:
-  /// Consecutive columns.
-  struct Run
-  {
-    const PetscInt* columns;
-    std::size_t count, first; ///< `first`: its first entry in `place_`
-  };
-
   /// Read the rows if their columns are those of the previous rows; returns whether they are.
   bool take_as_before(const StackedRows& rows, std::size_t first, std::size_t count)
   {
     const std::size_t n = columns_.size();
-    values_.assign(count * n, 0.0);
+    values_.assign(count * (n + 1), 0.0);
     std::size_t i = 0;
+    const std::int32_t* place = place_.data();
     bool same = true;
     for (std::size_t k = 0; k < count && same; ++k)
-      rows.visit_runs(
-          first + k,
-          [&](const PetscInt* columns, const double* values, std::size_t size, double factor)
-          {
-            same = same && i < runs_.size() && runs_[i].count == size
-                   && (runs_[i].columns == columns
-                       || std::equal(columns, columns + size, runs_[i].columns));
-            if (!same)
-              return;
-            const std::int32_t* place = &place_[runs_[i++].first];
-            for (std::size_t j = 0; j < size; ++j)
-              if (place[j] >= 0)
-                values_[k * n + static_cast<std::size_t>(place[j])] += factor * values[j];
-          });
+      rows.visit_runs(first + k,
+                      [&](const Run& run)
+                      {
+                        same = same && i < runs_.size() && runs_[i++].same_columns(run);
+                        if (!same)
+                          return;
+                        double* to = &values_[k * (n + 1)];
+                        for (std::size_t j = 0; j < run.count; ++j)
+                          for (std::size_t c = 0; c < run.width; ++c)
+                            to[*place++] += run.factor * run.values[j * run.step + c];
+                      });
     return same && i == runs_.size();
   }
 
@@ -69,32 +62,47 @@ private:
   {
     runs_.clear();
     found_.clear();
+    std::vector<std::size_t> ends;
     for (std::size_t k = 0; k < count; ++k)
+    {
       rows.visit_runs(first + k,
-                      [&](const PetscInt* columns, const double*, std::size_t size, double)
+                      [&](const Run& run)
                       {
-                        runs_.push_back({columns, size, found_.size()});
-                        found_.insert(found_.end(), columns, columns + size);
+                        runs_.push_back(run);
+                        for (std::size_t j = 0; j < run.count; ++j)
+                          found_.insert(found_.end(), run.group(j), run.group(j) + run.width);
                       });
+      ends.push_back(found_.size());
+    }
     columns_ = found_;
     std::erase_if(columns_, [](PetscInt c) { return c < 0; });
     std::ranges::sort(columns_);
     const auto rest = std::ranges::unique(columns_);
     columns_.erase(rest.begin(), rest.end());
-    place_.resize(found_.size() + 1); // one more, so that a run without columns has a place
+    place_.resize(found_.size());
     std::ranges::transform(found_, place_.begin(),
                            [this](PetscInt c)
                            {
                              const auto at = std::ranges::lower_bound(columns_, c);
-                             return c < 0 ? -1 : static_cast<std::int32_t>(at - columns_.begin());
+                             return static_cast<std::int32_t>((c < 0 ? columns_.end() : at)
+                                                              - columns_.begin());
                            });
+    ranges_.assign(count, {0, 0});
+    for (std::size_t k = 0, i = 0; k < count; ++k)
+      for (auto& [begin, end] = ranges_[k]; i < ends[k]; ++i)
+        if (const auto at = static_cast<std::size_t>(place_[i]); at < columns_.size())
+        {
+          begin = end > 0 ? std::min(begin, at) : at;
+          end = std::max(end, at + 1);
+        }
   }
 
   std::size_t size_ = 0;
   std::vector<PetscInt> found_, columns_;
   std::vector<Run> runs_;
-  std::vector<std::int32_t> place_; ///< of each found column, -1 for ignored ones
-  std::vector<double> values_;
+  std::vector<std::int32_t> place_; ///< of each found column; after the last for ignored ones
+  std::vector<std::pair<std::size_t, std::size_t>> ranges_;
+  std::vector<double> values_; ///< [row][column], and the sum of ignored values
 };
 
 /// Sums of the products of points with the same columns.
@@ -103,11 +111,15 @@ class Blocks
 public:
   explicit Blocks(RowSums& sums) : sums_(sums) {}
 
-  void begin(const std::vector<PetscInt>& rows, const std::vector<PetscInt>& columns)
+  /// Begin a block of points whose rows have the columns of these rows.
+  void begin(const DenseRows& left, const DenseRows& right)
   {
     end();
-    rows_ = rows;
-    columns_ = columns;
+    rows_ = left.columns();
+    columns_ = right.columns();
+    components_.resize(left.size());
+    for (std::size_t k = 0; k < left.size(); ++k)
+      components_[k].range = left.range(k);
     is_open_ = true;
   }
 
@@ -122,16 +134,19 @@ public:
     {
       if (!coupled && D[k] == 0)
         continue;
-      left_.insert(left_.end(), left.row(k), left.row(k) + rows_.size());
-      factor_.push_back(coupled ? 1.0 : D[k]);
-      const std::size_t first = right_.size();
-      right_.insert(right_.end(), right.row(k), right.row(k) + n);
+      auto& [range, of_left, of_right, factor] = components_[k];
+      if (&left == &right) // the products are symmetric
+        factor.push_back(coupled ? 1.0 : D[k]);
+      for (std::size_t i = range.first; i < range.second; ++i)
+        of_left.push_back(coupled || &left == &right ? left.row(k)[i] : D[k] * left.row(k)[i]);
+      const std::size_t first = of_right.size();
+      of_right.insert(of_right.end(), right.row(k), right.row(k) + n);
       for (std::size_t j = 0; j < n && coupled; ++j)
       {
         double sum = 0;
         for (std::size_t l = 0; l < count; ++l)
           sum += D[k * count + l] * right.row(l)[j];
-        right_[first + j] = sum;
+        of_right[first + j] = sum;
       }
     }
   }
@@ -142,18 +157,29 @@ public:
     if (!is_open_)
       return;
     values_.assign(rows_.size() * columns_.size(), 0.0);
-    add_outer_products(left_, right_, factor_, rows_.size(), columns_.size(), values_.data());
+    for (auto& [range, left, right, factor] : components_)
+    {
+      add_outer_products(left, right, factor, range.second - range.first, columns_.size(),
+                         values_.data() + range.first * columns_.size());
+      for (auto* of_points : {&left, &right, &factor})
+        of_points->clear();
+    }
     sums_.add(rows_, columns_, values_);
-    for (auto* of_points : {&left_, &right_, &factor_})
-      of_points->clear();
     is_open_ = false;
   }
 
 private:
+  /// Rows of one component of the points so far.
+  struct Component
+  {
+    std::pair<std::size_t, std::size_t> range; ///< as DenseRows::range, of the left rows
+    std::vector<double> left, right, factor;   ///< `left` in this range only
+  };
+
   RowSums& sums_;
   bool is_open_ = false;
   std::vector<PetscInt> rows_, columns_;
-  std::vector<double> left_, right_, factor_; ///< of the points so far
+  std::vector<Component> components_;
   std::vector<double> values_;
 };
 } // namespace
@@ -195,7 +221,7 @@ void qsdolfinx::add_products(RowSums& sums, const StackedRows& left, const Stack
       is_new = by_left.take(left, first, count) || is_new;
     const DenseRows& works_on = same ? by_right : by_left;
     if (is_new || first == 0)
-      blocks.begin(works_on.columns(), by_right.columns());
+      blocks.begin(works_on, by_right);
     blocks.add(works_on, D.subspan(first / count * of_point, of_point), by_right);
   }
   blocks.end();

@@ -7,6 +7,7 @@
 
 #include <petscmat.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -23,6 +24,28 @@ struct CompressedRows
   std::vector<std::int64_t> offset; ///< entries of row i: [offset[i], offset[i + 1])
   std::vector<PetscInt> column;     ///< of each entry
   std::vector<double> value;        ///< of each entry
+};
+
+/// Entries of a row from one part of a StackedRows: groups of consecutive numbers among all
+/// unknowns.
+struct Run
+{
+  const PetscInt* numbers;  ///< group j begins at numbers + node[j] * stride
+  const std::int32_t* node; ///< [group]; null for one group at `numbers`
+  std::size_t count, width, stride;
+  const double* values; ///< of group j from values + j * step on
+  std::size_t step;
+  double factor;
+
+  const PetscInt* group(std::size_t j) const { return node ? numbers + node[j] * stride : numbers; }
+  /// Whether the entries have the columns of those of another run.
+  bool same_columns(const Run& other) const
+  {
+    if (count != other.count || width != other.width || !node != !other.node)
+      return false;
+    return node ? numbers == other.numbers && std::equal(node, node + count, other.node)
+                : std::equal(numbers, numbers + width, other.numbers);
+  }
 };
 
 /// A sum of rows of gap operators and of other rows, `components` rows for each point. The parts
@@ -50,8 +73,7 @@ public:
   /// Call visit(column, value) for the entries of a row. A column may occur several times.
   template <typename Visit>
   void visit(std::size_t row, Visit visit) const;
-  /// Call visit(columns, values, count, factor) for runs of entries of a row; negative columns are
-  /// to be ignored.
+  /// Call visit(run) for the runs of a row; negative columns are to be ignored.
   template <typename Visit>
   void visit_runs(std::size_t row, Visit visit) const;
 
@@ -79,14 +101,14 @@ private:
 template <typename Visit>
 void StackedRows::visit(std::size_t row, Visit visit) const
 {
-  visit_runs(
-      row,
-      [&visit](const PetscInt* columns, const double* values, std::size_t count, double factor)
-      {
-        for (std::size_t i = 0; i < count; ++i)
-          if (columns[i] >= 0)
-            visit(columns[i], factor * values[i]);
-      });
+  visit_runs(row,
+             [&visit](const Run& run)
+             {
+               for (std::size_t j = 0; j < run.count; ++j)
+                 for (std::size_t i = 0; i < run.width; ++i)
+                   if (run.group(j)[i] >= 0)
+                     visit(run.group(j)[i], run.factor * run.values[j * run.step + i]);
+             });
 }
 
 template <typename Visit>
@@ -100,15 +122,12 @@ void StackedRows::visit_runs(std::size_t row, Visit visit) const
     if (component < part.first || k >= std::size_t(gap.width()))
       continue;
     const GapOperator::Side& side = gap.side(part.side);
-    for (std::int64_t e = side.offset[point]; e < side.offset[point + 1]; ++e)
-    {
-      const PetscInt* numbers = &part.numbers[side.column[e] * d];
-      const double* c = &side.coefficient[e * size];
-      if (size == 1 && gap.kind() == GapKind::jump)
-        visit(numbers + k, c, 1, part.factor);
-      else // all unknowns of the node
-        visit(numbers, c + k * d, d, part.factor);
-    }
+    const auto first = static_cast<std::size_t>(side.offset[point]),
+               count = static_cast<std::size_t>(side.offset[point + 1]) - first;
+    const bool single = size == 1 && gap.kind() == GapKind::jump; // or all unknowns of the node
+    visit(Run{part.numbers.data() + (single ? k : 0), side.column.data() + first, count,
+              single ? 1 : d, d, side.coefficient.data() + first * size + (single ? 0 : k * d),
+              size, part.factor});
   }
   for (const Others& part : others_)
   {
@@ -118,8 +137,8 @@ void StackedRows::visit_runs(std::size_t row, Visit visit) const
     const std::size_t i = point * part.width + k;
     const auto first = static_cast<std::size_t>(part.rows->offset[i]),
                last = static_cast<std::size_t>(part.rows->offset[i + 1]);
-    visit(part.rows->column.data() + first, part.rows->value.data() + first, last - first,
-          part.factor);
+    visit(Run{part.rows->column.data() + first, nullptr, 1, last - first, 0,
+              part.rows->value.data() + first, 0, part.factor});
   }
 }
 

@@ -1,27 +1,40 @@
 #include "tangent/row_sums.h"
+#include "parallel/exchange.h"
 #include "parallel/petsc.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
+#include <numeric>
 
 using namespace qsdolfinx;
 
 namespace
 {
-/// Number of values that are collected before they are inserted: 2 MiB.
-constexpr std::size_t most_values = std::size_t(1) << 18;
+/// Number of values that are collected before they are summed for the first time: 8 MiB.
+constexpr std::size_t most_values = std::size_t(1) << 20;
 } // namespace
+
+std::int32_t RowSums::number_of(PetscInt key)
+{
+  if (key < 0)
+    return -1;
+  const std::int32_t out = numbering_(key);
+  if (numbering_.size() > known_.size())
+    known_.push_back(key);
+  return out;
+}
 
 void RowSums::add(std::span<const PetscInt> rows, std::span<const PetscInt> columns,
                   std::span<const double> values)
 {
-  if (values_.size() + values.size() > most_values)
-    insert();
+  if (values_.size() + values.size() > 2 * num_summed_ + most_values)
+    sum();
   for (std::size_t i = 0; i < rows.size(); ++i)
-    if (rows[i] >= 0)
-      parts_.push_back(
-          {rows[i], columns_.size(), values_.size() + i * columns.size(), columns.size()});
-  columns_.insert(columns_.end(), columns.begin(), columns.end());
+    if (const std::int32_t row = number_of(rows[i]); row >= 0)
+      parts_.push_back({row, columns_.size(), values_.size() + i * columns.size(), columns.size()});
+  for (PetscInt column : columns)
+    columns_.push_back(number_of(column));
   values_.insert(values_.end(), values.begin(), values.end());
 }
 
@@ -39,60 +52,157 @@ void RowSums::add_squares(std::span<const std::int64_t> numbers, std::span<const
 void RowSums::add_entries(std::span<const std::int64_t> rows, std::span<const std::int64_t> columns,
                           std::span<const double> values)
 {
-  for (std::size_t e = 0; e < values.size(); ++e)
+  std::vector<PetscInt> own;
+  for (std::size_t first = 0, last = 0; first < values.size(); first = last)
   {
-    const auto i = static_cast<PetscInt>(rows[e]), j = static_cast<PetscInt>(columns[e]);
-    if (i >= 0 && j >= 0)
-      check(MatSetValues(matrix_, 1, &i, 1, &j, &values[e], ADD_VALUES));
+    own.clear();
+    for (; last < values.size() && rows[last] == rows[first]; ++last)
+      own.push_back(static_cast<PetscInt>(columns[last]));
+    const auto row = static_cast<PetscInt>(rows[first]);
+    add({&row, 1}, own, values.subspan(first, own.size()));
   }
+}
+
+/// Add parts of the same row.
+void RowSums::sum()
+{
+  std::vector<std::size_t> end(known_.size() + 1, 0), order(parts_.size()); // by rows
+  for (const Part& part : parts_)
+    ++end[part.row + 1];
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    order[end[parts_[i].row]++] = i; // end[r] moves from the first part to past the last
+
+  std::vector<Part> parts;
+  std::vector<std::int32_t> columns, found(known_.size() + 1); // of the current row, and one more
+  std::vector<double> values, sums(known_.size(), 0.0);
+  std::vector<char> is_found(known_.size(), 0);
+  for (std::size_t row = 0, i = 0; row < known_.size(); ++row)
+  {
+    if (i == end[row])
+      continue;
+    std::size_t size = 0;
+    for (; i < end[row]; ++i)
+    {
+      const Part& part = parts_[order[i]];
+      const std::int32_t* column = &columns_[part.columns];
+      const double* value = &values_[part.values];
+      for (std::size_t j = 0; j < part.size; ++j)
+      {
+        const std::int32_t c = column[j];
+        if (c < 0)
+          continue;
+        sums[c] += value[j];
+        found[size] = c;
+        size += 1 - is_found[c];
+        is_found[c] = 1;
+      }
+    }
+    parts.push_back({static_cast<std::int32_t>(row), columns.size(), columns.size(), size});
+    for (std::size_t j = 0; j < size; ++j)
+    {
+      const std::int32_t c = found[j];
+      columns.push_back(c);
+      values.push_back(sums[c]);
+      sums[c] = 0;
+      is_found[c] = 0;
+    }
+  }
+  parts_.swap(parts);
+  columns_.swap(columns);
+  values_.swap(values);
+  num_summed_ = values_.size();
+}
+
+/// Send the sums in rows of other ranks to them. Collective.
+void RowSums::send_to_owners()
+{
+  const PetscInt* ranges = nullptr;
+  PetscMPIInt size = 0, rank = 0;
+  const MPI_Comm comm = PetscObjectComm(reinterpret_cast<PetscObject>(matrix_));
+  MPI_Comm_size(comm, &size);
+  MPI_Comm_rank(comm, &rank);
+  if (size == 1)
+    return;
+  check(MatGetOwnershipRanges(matrix_, &ranges));
+  std::vector<int> to;
+  std::vector<std::int64_t> places;
+  std::vector<double> values;
+  std::erase_if(parts_,
+                [&](const Part& part)
+                {
+                  const PetscInt row = known_[part.row];
+                  const auto* next = std::upper_bound(ranges, ranges + size + 1, row);
+                  const int owner = static_cast<int>(next - ranges) - 1;
+                  for (std::size_t j = 0; owner != rank && j < part.size; ++j)
+                  {
+                    to.push_back(owner);
+                    places.insert(places.end(), {row, known_[columns_[part.columns + j]]});
+                    values.push_back(values_[part.values + j]);
+                  }
+                  return owner != rank;
+                });
+  const Exchange exchange(comm, to);
+  places = exchange.forward<std::int64_t>(places, 2);
+  values = exchange.forward<double>(values, 1);
+  std::array<std::vector<std::int64_t>, 2> of_rows_and_columns;
+  for (std::size_t i = 0; i < places.size(); ++i)
+    of_rows_and_columns[i % 2].push_back(places[i]);
+  add_entries(of_rows_and_columns[0], of_rows_and_columns[1], values);
+  sum();
 }
 
 void RowSums::insert()
 {
-  std::vector<PetscInt> known(columns_); // ascending; below, a column is represented by its place
-  std::ranges::sort(known);
-  known.erase(std::ranges::unique(known).begin(), known.end());
-  std::vector<std::int32_t> place(columns_.size());
-  std::ranges::transform(columns_, place.begin(), [&known](PetscInt column)
-                         { return std::ranges::lower_bound(known, column) - known.begin(); });
-  std::ranges::stable_sort(parts_, {}, &Part::row);
-
-  std::vector<std::int32_t> at(known.size(), -1); // place of a column in the current row, or -1
-  std::vector<std::int32_t> found;
+  sum();
+  send_to_owners();
+  PetscBool is_assembled = PETSC_FALSE;
+  check(MatAssembled(matrix_, &is_assembled));
+  if (!is_assembled)
+    return set_pattern();
   std::vector<PetscInt> columns;
-  std::vector<PetscScalar> sums;
-  for (std::size_t first = 0, last = 0; first < parts_.size(); first = last)
+  for (const Part& part : parts_)
   {
-    const PetscInt row = parts_[first].row;
-    for (; last < parts_.size() && parts_[last].row == row; ++last)
-    {
-      const Part& part = parts_[last];
-      for (std::size_t j = 0; j < part.size; ++j)
-      {
-        const std::int32_t column = place[part.columns + j];
-        if (known[column] < 0)
-          continue;
-        if (at[column] < 0)
-        {
-          at[column] = static_cast<std::int32_t>(found.size());
-          found.push_back(column);
-          sums.push_back(0);
-        }
-        sums[at[column]] += values_[part.values + j];
-      }
-    }
-    for (std::int32_t column : found)
-    {
-      columns.push_back(known[column]);
-      at[column] = -1;
-    }
-    check(MatSetValues(matrix_, 1, &row, static_cast<PetscInt>(columns.size()), columns.data(),
-                       sums.data(), ADD_VALUES));
-    found.clear();
     columns.clear();
-    sums.clear();
+    for (std::size_t j = 0; j < part.size; ++j)
+      columns.push_back(known_[columns_[part.columns + j]]);
+    check(MatSetValues(matrix_, 1, &known_[part.row], static_cast<PetscInt>(part.size),
+                       columns.data(), &values_[part.values], ADD_VALUES));
   }
-  parts_.clear();
-  columns_.clear();
-  values_.clear();
+  check(MatAssemblyBegin(matrix_, MAT_FINAL_ASSEMBLY));
+  check(MatAssemblyEnd(matrix_, MAT_FINAL_ASSEMBLY));
+}
+
+/// Make the sums the matrix: first by columns, so that columns ascend in each row.
+void RowSums::set_pattern()
+{
+  std::vector<std::int32_t> order(known_.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::sort(order, {}, [this](std::int32_t i) { return known_[i]; });
+  std::vector<std::size_t> end(known_.size() + 1, 0); // of the columns
+  for (std::int32_t column : columns_)
+    ++end[column + 1];
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  std::vector<std::pair<PetscInt, double>> by_columns(values_.size()); // row, value
+  PetscInt begin = 0, last = 0;
+  check(MatGetOwnershipRange(matrix_, &begin, &last));
+  std::vector<PetscInt> offset(static_cast<std::size_t>(last - begin) + 1, 0);
+  for (const Part& part : parts_)
+  {
+    const PetscInt row = known_[part.row] - begin;
+    offset[row + 1] = static_cast<PetscInt>(part.size);
+    for (std::size_t j = part.columns; j < part.columns + part.size; ++j)
+      by_columns[end[columns_[j]]++] = {row, values_[j]}; // as in sum()
+  }
+  std::partial_sum(offset.begin(), offset.end(), offset.begin());
+  std::vector<PetscInt> next(offset), columns(values_.size());
+  for (std::int32_t column : order)
+    for (std::size_t i = column > 0 ? end[column - 1] : 0; i < end[column]; ++i)
+    {
+      const auto [row, value] = by_columns[i];
+      columns[next[row]] = known_[column];
+      values_[next[row]++] = value;
+    }
+  check(MatSeqAIJSetPreallocationCSR(matrix_, offset.data(), columns.data(), values_.data()));
+  check(MatMPIAIJSetPreallocationCSR(matrix_, offset.data(), columns.data(), values_.data()));
 }

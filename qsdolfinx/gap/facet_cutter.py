@@ -156,7 +156,6 @@ class FacetCutter:
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
         return _cpp.GapOperator(
-            self._slave,
             self._master,
             points_of=found.of_cutter,
             alone=alone.unknown,
@@ -168,9 +167,7 @@ class FacetCutter:
         """See :class:`Cutter`."""
         if self.are_own and found.normals is None:
             return None
-        operator = _cpp.GapOperator(
-            self._slave, self._master, moving=found.of_cutter, weight=alone.weight
-        )
+        operator = _cpp.GapOperator(self._master, moving=found.of_cutter, weight=alone.weight)
         return Changes(operator, self._by_normals(found, operator.num_rows, markers))
 
     def _by_normals(
@@ -224,7 +221,6 @@ class FacetCutter:
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
         return _cpp.GapOperator(
-            self._slave,
             self._master,
             jump_of=found.of_cutter,
             alone=alone.unknown,
@@ -274,7 +270,6 @@ class FacetCutter:
             pieces, field.handle, rest, moves, handles, vectors, component
         )
         operator = _cpp.GapOperator(
-            self._slave,
             self._master,
             points_of=pieces,
             functions=functions,
@@ -296,7 +291,6 @@ class FacetCutter:
         slips = _cpp.SlipOfPieces(pieces, vecs[0].handle, on_master, of_tool)
         operator, works = (
             _cpp.GapOperator(
-                self._slave,
                 self._master,
                 points_of=pieces,
                 slip=slips,
@@ -325,7 +319,6 @@ class FacetCutter:
     ) -> Changes:
         """See :class:`Cutter`."""
         operator = _cpp.GapOperator(
-            self._slave,
             self._master,
             found.of_cutter,
             slip.of_cutter,

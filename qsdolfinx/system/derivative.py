@@ -567,7 +567,6 @@ class _Added:
         for _, add in products:
             add(sums)
         sums.insert()
-        self._matrix.assemble()
         return self._matrix
 
     def destroy(self) -> None:

@@ -195,10 +195,10 @@ class GapMatrices:
         sizes = (_layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
         of_sides.setSizes(sizes)
         of_sides.setType(PETSc.Mat.Type.AIJ)
-        some = mixed.column >= 0
-        # Some entries are in rows of other ranks.
-        _cpp.set_places(of_sides.handle, mixed.row[some], mixed.column[some])
-        _cpp.set_values(of_sides.handle, mixed.value[some])
+        of_sides.setUp()
+        sums = _cpp.RowSums(of_sides.handle)
+        sums.add_entries(*mixed)  # some are in rows of other ranks
+        sums.insert()
         product = extended.transposeMatMult(of_sides)
         out = global_entries(product)
         for mat in (extended, of_sides, product):

@@ -61,7 +61,7 @@ class Pass:
         )
         none, alone = np.zeros(0), np.zeros(0, dtype=np.int64)
         operator = _cpp.GapOperator(
-            *self.still, points_of=self.pieces, alone=alone, weight=none, far=1.0
+            self.still[1], points_of=self.pieces, alone=alone, weight=none, far=1.0
         )
         self.sizes = [len(x) * self.gdim for x in places]
         vecs = [PETSc.Vec().createSeq(n) for n in self.sizes]
@@ -80,7 +80,7 @@ class Pass:
             self.pieces, at_nodes.handle, *rest, [v.handle for v in free], np.zeros(0), 0
         )
         moving = _cpp.GapOperator(
-            *self.still, points_of=self.pieces, functions=functions, weight=none
+            self.still[1], points_of=self.pieces, functions=functions, weight=none
         )
         work = -weight * np.asarray(operator.initial_gap)
         moving.add_transpose(work[:, None].copy(), *(v.handle for v in vecs))
