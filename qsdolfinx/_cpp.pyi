@@ -676,12 +676,12 @@ def pair_vertices(
 
 def passed_lengths(
     surface: Surface,
-    start_x: numpy.typing.NDArray[numpy.float64],
-    start: numpy.typing.NDArray[numpy.float64],
-    end: numpy.typing.NDArray[numpy.float64],
+    num_pieces: int,
+    facet_x: numpy.typing.NDArray[numpy.float64],
+    x: numpy.typing.NDArray[numpy.float64],
     normal: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Lengths within bodies that points have passed through on straight paths, [point], 0 for all others; start_x are the facets' vertices at the start of the motion, [facet][vertex][3]; collective."""
+    """Lengths within bodies that points have passed through, [point], 0 for all others; facet_x are the facets' vertices, [time][facet][vertex][3], x and normal the points and their normals, [time][point][3], at the ends of the pieces of the motion; collective."""
 
 def points_between(
     slave: Surface,

@@ -47,21 +47,17 @@ void qsdolfinx::bind_search(nb::module_& m)
   m.attr("facing_cosine") = facing_cosine;
   m.def(
       "passed_lengths",
-      [](const Surface& surface, In<double> start_x, In<double> start, In<double> end,
+      [](const Surface& surface, std::size_t num_pieces, In<double> facet_x, In<double> x,
          In<double> normal)
       {
-        if (start.array.size() != end.array.size() || start.array.size() != normal.array.size())
-          throw std::invalid_argument("passed_lengths: one start, end and normal for each point");
-        std::vector<Path> paths;
-        for (std::size_t i = 0; i < start.array.size(); i += 3)
-          paths.push_back({vector_at(start, i), vector_at(end, i), vector_at(normal, i)});
-        const auto out = passed_lengths(surface, start_x.view(), paths);
+        const auto out
+            = passed_lengths(surface, {num_pieces, facet_x.view(), x.view(), normal.view()});
         return copy(out, {out.size()});
       },
-      "surface"_a, "start_x"_a, "start"_a, "end"_a, "normal"_a,
-      "Lengths within bodies that points have passed through on straight paths, [point], 0 for all "
-      "others; start_x are the facets' vertices at the start of the motion, "
-      "[facet][vertex][3]; collective.");
+      "surface"_a, "num_pieces"_a, "facet_x"_a, "x"_a, "normal"_a,
+      "Lengths within bodies that points have passed through, [point], 0 for all others; facet_x "
+      "are the facets' vertices, [time][facet][vertex][3], x and normal the points and their "
+      "normals, [time][point][3], at the ends of the pieces of the motion; collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",
                            "Search distance, up to which points are paired: one value, or the size "
                            "of the larger facet there, if this is less.")

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 using namespace qsdolfinx;
@@ -14,24 +15,25 @@ namespace
 /// Tolerance of the bisection, as a fraction of the motion.
 constexpr double root_tolerance = 1e-12;
 
-/// A vector that changes linearly from the start to the end of the motion.
+/// A vector that changes linearly from the start to the end of a piece of the motion.
 struct Moving
 {
-  Vec3 start, change;
+  Vec3 start, change, end;
   Vec3 at(double s) const { return start + s * change; }
 };
 
-Moving between(const Vec3& start, const Vec3& end) { return {start, end - start}; }
+Moving between(const Vec3& start, const Vec3& end) { return {start, end - start, end}; }
 
 Moving difference(const Moving& a, const Moving& b)
 {
-  return {a.start - b.start, a.change - b.change};
+  return {a.start - b.start, a.change - b.change, a.end - b.end};
 }
 
 /// A polynomial of degree 3 of s.
 struct Cubic
 {
   std::array<double, 4> c;
+  double end; ///< its value at 1, exactly the value at 0 of the next piece
   double at(double s) const { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); }
 };
 
@@ -41,7 +43,8 @@ Cubic volume(const Moving& e, const Moving& g, const Moving& r)
   const Vec3 n0 = cross(e.start, g.start), n1 = cross(e.start, g.change) + cross(e.change, g.start),
              n2 = cross(e.change, g.change);
   return {{dot(r.start, n0), dot(r.start, n1) + dot(r.change, n0),
-           dot(r.start, n2) + dot(r.change, n1), dot(r.change, n2)}};
+           dot(r.start, n2) + dot(r.change, n1), dot(r.change, n2)},
+          dot(r.end, cross(e.end, g.end))};
 }
 
 /// Ends of the intervals of [0, 1] in which a cubic is monotonic.
@@ -60,23 +63,31 @@ std::vector<double> monotonic(const Cubic& f)
   return out;
 }
 
-/// Places within (0, 1] where a cubic changes its sign.
-std::vector<double> sign_changes(const Cubic& f)
+/// Place where a cubic changes its sign, and whether it was negative before.
+struct SignChange
 {
-  std::vector<double> out;
+  double s;
+  bool rises;
+};
+
+/// Sign changes within (0, 1].
+std::vector<SignChange> sign_changes(const Cubic& f)
+{
+  std::vector<SignChange> out;
   const std::vector<double> ends = monotonic(f);
+  const auto is_negative = [&](double s) { return (s == 1 ? f.end : f.at(s)) < 0; };
   for (std::size_t i = 1; i < ends.size(); ++i)
   {
     double low = ends[i - 1], high = ends[i];
-    const bool first = f.at(low) < 0;
-    if (first == (f.at(high) < 0))
+    const bool first = is_negative(low);
+    if (first == is_negative(high))
       continue;
     while (high - low > root_tolerance)
     {
       const double middle = 0.5 * (low + high);
       ((f.at(middle) < 0) == first ? low : high) = middle;
     }
-    out.push_back(high);
+    out.push_back({high, first});
   }
   return out;
 }
@@ -84,9 +95,10 @@ std::vector<double> sign_changes(const Cubic& f)
 /// What the crossings of one path tell; ranks with other facets have other ones.
 struct Crossings
 {
-  double in = 1;                   ///< where it first goes into a body
-  double first = 2, last = -1;     ///< first and last crossing of faces that look as the point
-  double speed = 0;                ///< motion of the point relative to the last of these faces
+  static constexpr double never = std::numeric_limits<double>::infinity();
+  double in = never;               ///< where it first goes into a body, in pieces of the motion
+  double first = never, last = -1; ///< first and last crossing of faces that look as the point
+  double speed = 0;                ///< motion in a piece relative to the last of these faces
   int first_out = 0, last_out = 0; ///< whether the point comes out there
 
   void include(const Crossings& other)
@@ -111,17 +123,29 @@ struct Crossings
   }
 };
 
-/// Facets of this rank, with their positions at both ends of the motion.
+/// Part of the path of a point, straight and at constant speed.
+struct Piece
+{
+  Vec3 start, end;
+  Vec3 normal; ///< outward unit normal at the point, at the end of the piece
+  Vec3 origin; ///< where the whole path starts
+};
+
+/// Facets of this rank, with their positions at both ends of a piece of the motion.
 class MovingFacets
 {
 public:
-  MovingFacets(const Surface& surface, std::span<const double> start_x)
-      : surface_(surface), start_(start_x), touching_(surface.num_facets() == 0 ? 0 : smallest()),
-        tree_(swept())
+  /// @param origin vertices at the start of the motion, [facet][vertex][3]
+  /// @param start, end those at the ends of the piece
+  /// @param number of the piece
+  MovingFacets(const Surface& surface, std::span<const double> origin,
+               std::span<const double> start, std::span<const double> end, double number)
+      : surface_(surface), origin_(origin), start_(start), end_(end), number_(number),
+        touching_(surface.num_facets() == 0 ? 0 : smallest()), tree_(swept())
   {
   }
 
-  Crossings along(const Path& path)
+  Crossings along(const Piece& path)
   {
     Crossings out;
     Box box;
@@ -141,10 +165,11 @@ private:
     return touch_tolerance * *std::min_element(size.begin(), size.end());
   }
 
-  std::span<const double> start_x(std::size_t f) const
+  /// Vertices of a facet.
+  std::span<const double> of(std::span<const double> x, std::size_t f) const
   {
     const std::size_t width = 3 * static_cast<std::size_t>(surface_.num_vertices());
-    return start_.subspan(f * width, width);
+    return x.subspan(f * width, width);
   }
 
   std::vector<Box> swept() const
@@ -152,8 +177,8 @@ private:
     std::vector<Box> out;
     for (std::size_t f = 0; f < surface_.num_facets(); ++f)
     {
-      Box box = box_of(surface_.facet_x(f));
-      const Box start = box_of(start_x(f));
+      Box box = box_of(of(end_, f));
+      const Box start = box_of(of(start_, f));
       box.include(start.low, start.high);
       out.push_back(box);
     }
@@ -162,18 +187,18 @@ private:
 
   Moving vertex(std::size_t f, int i) const
   {
-    return between(facet_vertex(start_x(f), i), facet_vertex(surface_.facet_x(f), i));
+    return between(facet_vertex(of(start_, f), i), facet_vertex(of(end_, f), i));
   }
 
-  void cross_facet(const Path& path, std::size_t f, Crossings& out) const
+  void cross_facet(const Piece& path, std::size_t f, Crossings& out) const
   {
-    if (closest_point(surface_.type(), start_x(f), path.start).distance <= touching_)
+    if (closest_point(surface_.type(), of(origin_, f), path.origin).distance <= touching_)
       return;
     if (surface_.type() == FacetType::interval)
     {
       const Vec3 up{0, 0, 1};
-      cross_part(path, f, vertex(f, 0), vertex(f, 1),
-                 {vertex(f, 0).start + up, vertex(f, 0).change}, out);
+      const Moving a = vertex(f, 0);
+      cross_part(path, f, a, vertex(f, 1), {a.start + up, a.change, a.end + up}, out);
       return;
     }
     cross_part(path, f, vertex(f, 0), vertex(f, 1), vertex(f, 2), out);
@@ -182,26 +207,25 @@ private:
   }
 
   /// Crossings of a triangle, or, in 2D, of the strip along a and b.
-  void cross_part(const Path& path, std::size_t f, const Moving& a, const Moving& b,
+  void cross_part(const Piece& path, std::size_t f, const Moving& a, const Moving& b,
                   const Moving& c, Crossings& out) const
   {
     const Moving e = difference(b, a), g = difference(c, a),
                  r = difference(between(path.start, path.end), a);
     const Cubic above = volume(e, g, r);
-    for (double s : sign_changes(above))
+    for (const auto& [s, rises] : sign_changes(above))
     {
       const Vec3 normal = cross(e.at(s), g.at(s));
       if (!within(e.at(s), g.at(s), r.at(s), normal))
         continue;
       const Vec3 outward = outward_at(f, s);
-      const bool rises = above.at(std::max(0.0, s - 2 * root_tolerance)) < 0;
       const bool is_out = rises == (dot(normal, outward) > 0);
       Crossings here;
       if (!is_out)
-        here.in = s;
+        here.in = number_ + s;
       if (dot(path.normal, outward) > alike_cosine * norm(outward))
       {
-        here.first = here.last = s;
+        here.first = here.last = number_ + s;
         here.first_out = here.last_out = is_out;
         here.speed = norm(r.at(1) - r.at(0));
       }
@@ -238,58 +262,77 @@ private:
   }
 
   const Surface& surface_;
-  std::span<const double> start_;
-  double touching_;
+  std::span<const double> origin_, start_, end_;
+  double number_, touching_;
   BoxTree tree_;
   std::vector<std::size_t> found_;
 };
 
-/// Box around all facets of this rank, at both ends of the motion.
-Box swept_box(const Surface& surface, std::span<const double> start_x)
+/// Box around positions of all facets of this rank at two times.
+Box swept_box(std::span<const double> start, std::span<const double> end)
 {
-  Box out = box_of(surface.facets().x);
-  const Box start = box_of(start_x);
-  out.include(start.low, start.high);
+  Box out = box_of(end);
+  const Box first = box_of(start);
+  out.include(first.low, first.high);
   return out;
 }
-} // namespace
 
-std::vector<double> qsdolfinx::passed_lengths(const Surface& surface,
-                                              std::span<const double> start_x,
-                                              std::span<const Path> paths)
+/// Add the crossings of all points in a piece of the motion, [point]. Collective.
+void add_crossings(const Surface& surface, MovingFacets& facets, const Box& swept,
+                   const std::vector<Piece>& pieces, std::vector<Crossings>& to)
 {
-  if (start_x.size() != surface.facets().x.size())
-    throw std::invalid_argument("passed_lengths: one start for each vertex of each facet");
-  const std::vector<Box> boxes = boxes_of_ranks(surface.comm(), swept_box(surface, start_x));
+  const std::vector<Box> boxes = boxes_of_ranks(surface.comm(), swept);
   std::vector<int> dest;
   std::vector<std::size_t> of;
-  std::vector<Path> sent;
-  for (std::size_t i = 0; i < paths.size(); ++i)
+  std::vector<Piece> sent;
+  for (std::size_t i = 0; i < pieces.size(); ++i)
   {
     Box box;
-    box.include(paths[i].start, paths[i].start);
-    box.include(paths[i].end, paths[i].end);
+    box.include(pieces[i].start, pieces[i].start);
+    box.include(pieces[i].end, pieces[i].end);
     for (std::size_t r = 0; r < boxes.size(); ++r)
       if (meet(boxes[r], box))
       {
         dest.push_back(static_cast<int>(r));
         of.push_back(i);
-        sent.push_back(paths[i]);
+        sent.push_back(pieces[i]);
       }
   }
   const Exchange exchange(surface.comm(), dest);
-  const std::vector<Path> asked = exchange.forward<Path>(sent, 1);
-  MovingFacets facets(surface, start_x);
   std::vector<Crossings> found;
-  found.reserve(asked.size());
-  for (const Path& path : asked)
-    found.push_back(facets.along(path));
+  for (const Piece& piece : exchange.forward<Piece>(sent, 1))
+    found.push_back(facets.along(piece));
   const std::vector<Crossings> told = exchange.reverse<Crossings>(found, 1);
-  std::vector<Crossings> all(paths.size());
   for (std::size_t i = 0; i < told.size(); ++i)
-    all[of[i]].include(told[i]);
+    to[of[i]].include(told[i]);
+}
+} // namespace
+
+std::vector<double> qsdolfinx::passed_lengths(const Surface& surface, const Paths& paths)
+{
+  const std::size_t n = paths.num_pieces, width = surface.facets().x.size();
+  if (n == 0 || paths.facet_x.size() != (n + 1) * width)
+    throw std::invalid_argument("passed_lengths: vertices of each facet at each time");
+  if (paths.x.size() % (3 * (n + 1)) != 0 || paths.normal.size() != paths.x.size())
+    throw std::invalid_argument("passed_lengths: a point and a normal for each path at each time");
+  const std::size_t size = paths.x.size() / (n + 1);
+  const auto point = [&](std::span<const double> x, std::size_t k, std::size_t i)
+  { return facet_vertex(x.subspan(k * size, size), static_cast<int>(i)); };
+  std::vector<Crossings> all(size / 3);
+  for (std::size_t k = 0; k < n; ++k)
+  {
+    const std::span<const double> start = paths.facet_x.subspan(k * width, width),
+                                  end = paths.facet_x.subspan((k + 1) * width, width);
+    std::vector<Piece> pieces;
+    for (std::size_t i = 0; i < all.size(); ++i)
+      pieces.push_back({point(paths.x, k, i), point(paths.x, k + 1, i),
+                        point(paths.normal, k + 1, i), point(paths.x, 0, i)});
+    MovingFacets facets(surface, paths.facet_x.subspan(0, width), start, end,
+                        static_cast<double>(k));
+    add_crossings(surface, facets, swept_box(start, end), pieces, all);
+  }
   std::vector<double> out;
-  for (std::size_t i = 0; i < paths.size(); ++i)
-    out.push_back(all[i].length());
+  for (const Crossings& crossings : all)
+    out.push_back(crossings.length());
   return out;
 }

@@ -11,22 +11,21 @@ namespace qsdolfinx
 /// point does, so that the body between them is now behind the point, within the point's own body.
 inline constexpr double alike_cosine = 0.5;
 
-/// Straight path of a point of a surface, at constant speed.
-struct Path
+/// Motion of facets and of points, straight and at constant speed in each of its pieces.
+struct Paths
 {
-  Vec3 start, end;
-  Vec3 normal; ///< outward unit normal at the point, at the end
+  std::size_t num_pieces;          ///< positions are given at one time more
+  std::span<const double> facet_x; ///< vertices of this rank's facets, [time][facet][vertex][3]
+  std::span<const double> x;       ///< points of another surface, [time][point][3]
+  std::span<const double> normal;  ///< their outward unit normals, [time][point][3]
 };
 
-/// Lengths of the paths within bodies that the points have passed through, [path]; 0 for all other
+/// Lengths of the paths within bodies that the points have passed through, [point]; 0 for all other
 /// points. Collective.
 ///
 /// A point has passed through a body if it has come out of it, and not gone in again, through faces
 /// that look the way it does (see alike_cosine). The length counts from where it went in first,
 /// from the start of the path if it was within the body. Facets that touch the start do not count.
-/// @param surface at the end of the motion
-/// @param start_x vertices of its facets at the start, [facet][vertex][3]
-std::vector<double> passed_lengths(const Surface& surface, std::span<const double> start_x,
-                                   std::span<const Path> paths);
+std::vector<double> passed_lengths(const Surface& surface, const Paths& paths);
 
 } // namespace qsdolfinx

@@ -1,12 +1,17 @@
 """Find points that have passed through a thin part of the other surface, and left it again.
 
 At the end of such a motion nothing penetrates, so that depths do not show it. The paths of the
-points do: they leave the part through a face whose normal agrees with their own.
+points do: they leave the part through a face whose normal agrees with their own. Paths are arcs
+where a tool or a body turns, and are cut into straight pieces: the rotation is that of the tool
+about its centre, or for a body the rigid motion that is closest to that of its surface.
 """
 
 from __future__ import annotations
 
+import functools
 import typing
+
+from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +28,13 @@ Array = npt.NDArray[np.float64]
 #: Length of the path within the other part, in units of the smallest facet, below which a straight
 #: path may have cut off a corner that the point has gone around.
 CORNER = 0.01
+
+#: Largest distance of a path from its straight pieces, in units of the smallest facet; and the
+#: length within the other part, in the same unit, by which pieces may cut off a corner more.
+ROUND, AROUND = 0.01, 0.03
+
+#: Largest angle (radians) of a piece of a path with which this distance is measured.
+WIDEST = np.pi / 4
 
 #: Depth, in units of the smallest facet, of points beside the middle of a tool that counts.
 DEEP = 0.5
@@ -50,20 +62,18 @@ class Passed(typing.NamedTuple):
 
 
 class _Motion(typing.NamedTuple):
-    """Motion of the points and facets of one side.
+    """Motion of the points and facets of one side, at the ends of its straight pieces.
 
     Attributes:
         facets: The facets at the end.
-        start_x: Their vertices at the start, shape (facets, vertices, 3).
-        start: Points of the facets at the start, shape (points, 3).
-        end: These points at the end, of the same shape.
-        normal: Outward unit normals at the end, of the same shape.
+        facet_x: Their vertices, shape (times, facets, vertices, 3).
+        x: Points of the facets, shape (times, points, 3).
+        normal: Outward unit normals there, of the same shape.
     """
 
     facets: _cpp.Surface
-    start_x: Array
-    start: Array
-    end: Array
+    facet_x: Array
+    x: Array
     normal: Array
 
 
@@ -79,41 +89,91 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
     """
     if not model.has_gaps or model.placement is before:
         return None
-    least = CORNER * model.paired.facet_size
-    slave, place = _motion(model, before, "slave"), model.placement.master
+    size = model.paired.facet_size
+    paths = [_Path(model.placement, before, side) for side in _sides(model)]
+    num_pieces = _num_pieces(model.comm, paths, ROUND * size)
+    slave, *others = (path.motion(num_pieces) for path in paths)
+    least = (CORNER + (0 if num_pieces == 1 else AROUND)) * size
+    place = model.placement.master
     if is_analytic(place):
-        found = [("slave", slave, _through_shape(place, slave, model.paired.facet_size))]
+        found = [("slave", slave, _through_shape(place, slave, size))]
     elif model.with_itself:
         found = [("slave", slave, _through_facets(slave, slave))]
     else:
-        master = _motion(model, before, "master")
-        both = zip(SIDES, (slave, master), (master, slave), strict=True)
+        both = zip(SIDES, (slave, *others), (*others, slave), strict=True)
         found = [(side, own, _through_facets(own, other)) for side, own, other in both]
     passed = []
     for side, own, lengths in found:
         if len(lengths) and lengths.max() > least:
             i = int(np.argmax(lengths))
-            x = tuple(float(c) for c in own.end[i, : model.slave.gdim])
+            x = tuple(float(c) for c in own.x[-1, i, : model.slave.gdim])
             passed.append(Passed(float(lengths[i]), x, side))
     everywhere = [p for each in model.comm.allgather(passed) for p in each]
     return max(everywhere, default=None)
 
 
-def _motion(model: ContactModel, before: Placement, side: str) -> _Motion:
-    """Motion of one side since a placement; a rigid tool stays where it is now. Collective."""
-    facets, earlier = (place.place(side).facets() for place in (model.placement, before))
-    num_vertices = facets.facet_x.shape[1]
-    points, first = (on_facets(surface, num_vertices) for surface in (facets, earlier))
-    start_x, start = (
-        model.placement.master.carried(x, before.master)
-        for x in (earlier.facet_x, first.slave["x"])
-    )
-    return _Motion(facets, start_x, start, points.slave["x"], points.normal)
+def _sides(model: ContactModel) -> tuple[str, ...]:
+    """Sides with facets of their own."""
+    return SIDES[:1] if model.master.is_analytic or model.with_itself else SIDES
+
+
+class _Path:
+    """Path of one side since a placement, seen from a rigid tool if that is the master. Collective.
+
+    Args:
+        now: The present placement.
+        before: The earlier one.
+        side: The side.
+    """
+
+    def __init__(self, now: Placement, before: Placement, side: str) -> None:
+        own, earlier = now.place(side), before.place(side)
+        self._facets, was = own.facets(), earlier.facets()
+        self._own, self._frame = own.path(earlier), now.master.frame(before.master)
+        self._ends = was.facet_x, self._facets.facet_x
+        num_vertices = self._facets.facet_x.shape[1]
+        points, first = (on_facets(surface, num_vertices) for surface in (self._facets, was))
+        self._x, self._normal = (first.slave["x"], points.slave["x"]), points.normal
+
+    @property
+    def turn(self) -> float:
+        """Angle (radians) by which the side turns, plus that of its frame."""
+        return self._own.angle + self._frame.angle
+
+    def at(self, s: float, ends: tuple[Array, Array]) -> Array:
+        """Points, (..., 3), after a part s of the motion, with given positions at its ends."""
+        return self._frame.carried(self._own.between(*ends, s), s)
+
+    def bend(self, num_pieces: int) -> float:
+        """Largest distance (length) of the path of a vertex from its straight pieces. Local."""
+        x = [self.at(s, self._ends) for s in np.linspace(0, 1, 2 * num_pieces + 1)]
+        both = zip(x[1::2], x[:-1:2], x[2::2], strict=True)
+        away = [middle - 0.5 * (a + b) for middle, a, b in both]
+        return max(float(np.linalg.norm(d, axis=-1).max(initial=0.0)) for d in away)
+
+    def motion(self, num_pieces: int) -> _Motion:
+        """Positions and normals at the ends of the pieces."""
+        parts = np.linspace(0, 1, num_pieces + 1)
+        turns = [self._frame.turn(1 - s) @ self._own.turn(s - 1) for s in parts[:-1]]
+        normals = [*(self._normal @ turn.T for turn in turns), self._normal]
+        x, facet_x = (np.stack([self.at(s, ends) for s in parts]) for ends in (self._x, self._ends))
+        return _Motion(self._facets, facet_x, x, np.stack(normals))
+
+
+def _num_pieces(comm: MPI.Intracomm, paths: typing.Sequence[_Path], bend: float) -> int:
+    """Number of straight pieces from which no path is further away than a bend. Collective.
+
+    The distance of an arc from its chord is proportional to the square of the chord's angle.
+    """
+    coarse = max(1, int(np.ceil(max(path.turn for path in paths) / WIDEST)))
+    found = comm.allreduce(max(path.bend(coarse) for path in paths), op=MPI.MAX)
+    return coarse if found <= bend else int(np.ceil(coarse * np.sqrt(found / bend)))
 
 
 def _through_facets(points: _Motion, other: _Motion) -> Array:
     """Lengths of the paths of points within the other side, (points,). Collective."""
-    return _cpp.passed_lengths(other.facets, other.start_x, points.start, points.end, points.normal)
+    num_pieces = len(points.x) - 1
+    return _cpp.passed_lengths(other.facets, num_pieces, other.facet_x, points.x, points.normal)
 
 
 def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
@@ -122,40 +182,63 @@ def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
     The depth of points that have come in counts as well if contact does not see them, since the
     closest side of the tool looks the way that they do: the tool's middle is beyond the surface.
     """
-    first, last = (place.tool.distance(x, place.positions()) for x in (points.start, points.end))
-    cosine = np.sum(points.normal * last[1], axis=1)
+    first, last = (place.tool.distance(x, place.positions()) for x in points.x[[0, -1]])
+    cosine = np.sum(points.normal[-1] * last[1], axis=1)
     came = (last[0] < 0) & (first[0] > OUTSIDE * last[0])
     unseen = came & (
         (cosine > _cpp.alike_cosine) | ((cosine > _cpp.facing_cosine) & (-last[0] > DEEP * size))
     )
-    way = np.linalg.norm(points.end - points.start, axis=1)
+    way = np.linalg.norm(np.diff(points.x, axis=0), axis=2).sum(axis=0)
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
     at = np.flatnonzero(may & (cosine > 0))
     out = np.where(unseen, -last[0], 0.0)
-    out[at] = way[at] * _part_within(place, points.start[at], points.end[at], points.normal[at])
+    out[at] = way[at] * _part_within(place, points.x[:, at], points.normal[:, at])
     return out
 
 
-def _part_within(place: ToolPlace, start: Array, end: Array, normal: Array) -> Array:
+def _part_within(place: ToolPlace, x: Array, normal: Array) -> Array:
     """Part of each path within an analytic tool, if it comes out; else 0.
 
-    Along a line, the distance from a convex tool has one minimum: the path is within the tool from
+    Along a line, the distance from a convex tool has one minimum: a piece is within the tool from
     before it to after it. From other tools, a path that starts outside does not come out.
+
+    Args:
+        place: The tool.
+        x: Ends of the pieces of each path, shape (times, paths, 3).
+        normal: Outward unit normals of the points there, of the same shape.
     """
+    count = x.shape[1]
+    enters: Array = np.full(count, np.inf)
+    leaves: Array = np.zeros(count)
+    alike: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
+    for k in range(len(x) - 1):
+        distance = functools.partial(_distance_along, place, x[k], x[k + 1])
+        deepest = _deepest(distance, count)
+        first, last = (_crossing(distance, deepest, np.full(count, s)) for s in (0.0, 1.0))
+        looks = np.sum(normal[k + 1] * distance(last)[1], axis=1) > _cpp.alike_cosine
+        within = distance(deepest)[0] < 0
+        enters[within] = np.minimum(enters, k + first)[within]
+        leaves[within] = k + last[within]
+        alike[within] = looks[within]
+    part: Array = np.zeros(count)
+    part[alike] = (leaves - enters)[alike] / (len(x) - 1)
+    return part
 
-    def distance(s: Array) -> tuple[Array, Array]:
-        return place.tool.distance(start + s[:, None] * (end - start), place.positions())
 
-    low: Array = np.zeros(len(start))
-    high: Array = np.ones(len(start))
+def _distance_along(place: ToolPlace, start: Array, end: Array, s: Array) -> tuple[Array, Array]:
+    """Distances from the tool, and its normals, after parts s of straight pieces."""
+    return place.tool.distance(start + s[:, None] * (end - start), place.positions())
+
+
+def _deepest(distance: typing.Callable[[Array], tuple[Array, Array]], count: int) -> Array:
+    """Where lines are deepest within a convex tool, as a part of their length."""
+    low: Array = np.zeros(count)
+    high: Array = np.ones(count)
     for _ in range(BISECTIONS):
         first, second = (2 * low + high) / 3, (low + 2 * high) / 3
         left = distance(first)[0] < distance(second)[0]
         low, high = np.where(left, low, first), np.where(left, second, high)
-    deepest = 0.5 * (low + high)
-    enters, leaves = (_crossing(distance, deepest, np.full(len(start), s)) for s in (0.0, 1.0))
-    alike = np.sum(normal * distance(leaves)[1], axis=1) > _cpp.alike_cosine
-    return np.where(alike & (distance(deepest)[0] < 0), leaves - enters, 0.0)
+    return np.asarray(0.5 * (low + high))
 
 
 def _crossing(

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.surface.affine import Affine
+from qsdolfinx.surface.affine import Affine, rotation_vector
 from qsdolfinx.surface.deformed import deformed_positions, deformed_surface, trace_values
+from qsdolfinx.surface.rigid_path import RigidPath
 from qsdolfinx.surface.surface import Coordinates, Surface
-from qsdolfinx.tools.pose import Pose
+from qsdolfinx.tools.pose import Pose, padded
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 
 Array = npt.NDArray[np.float64]
@@ -74,6 +75,15 @@ class Place:
     def carried(self, x: Array, before: AnyPlace) -> Array:
         """The points themselves, see :class:`ToolPlace`."""
         return x
+
+    def path(self, before: AnyPlace) -> RigidPath:
+        """Rigid motion closest to that of the vertices since an earlier place. Collective."""
+        ends = before.vertices(), self.vertices()
+        return RigidPath.closest(self.surface.comm, *ends, self.surface.gdim)
+
+    def frame(self, before: AnyPlace) -> RigidPath:
+        """No motion: what touches a body is seen from outside, see :class:`ToolPlace`."""
+        return RigidPath.at_rest()
 
     @property
     def centers(self) -> tuple[Array, Array]:
@@ -163,6 +173,18 @@ class ToolPlace:
         R = last[:, :d] @ first[:, :d].T
         out[..., :d] = x[..., :d] @ R.T + (last[:, d] - R @ first[:, d])
         return out
+
+    def path(self, before: AnyPlace) -> RigidPath:
+        """Motion since an earlier place: a rotation about the centre, which moves straight."""
+        d, first, last = self.tool.gdim, before.positions(), self.positions()
+        turned = rotation_vector(last[:, :d] @ first[:, :d].T, self.tool.rotation_of_step)
+        center, end = (padded(self.tool.center_at(position)) for position in (first, last))
+        rotation = turned if d == 3 else np.array([0.0, 0.0, turned[0]])
+        return RigidPath(center, end - center, rotation)
+
+    def frame(self, before: AnyPlace) -> RigidPath:
+        """Motion of the frame from which the other side is seen: that of the tool."""
+        return self.path(before)
 
     @property
     def centers(self) -> tuple[Array, Array]:

@@ -63,9 +63,9 @@ def _slid_since(model: ContactModel, now: Placement) -> float:
     both, tool = (ways[0], ways[1] if len(ways) > 1 else None), now.master.motion
     largest, turn = 0.0, _turn(model, tool)
     for gap in model.gaps:
-        length, size = _along(model, gap, both, tool), gap.slave.cpp_object.node_facet_size
+        length = _along(model, gap, both, tool)
         counts = _on_nodes(gap, active_set.closed(model, gap)) | _may_touch(gap, turn * length)
-        largest = max(largest, float(np.max((length / size)[counts], initial=0.0)))
+        largest = max(largest, _in_facets(gap, length, counts))
     return float(model.comm.allreduce(largest, op=MPI.MAX))
 
 
@@ -123,7 +123,13 @@ def _slid(
     length = _along(model, gap, ways, tool)
     counts = _on_nodes(gap, active_set.closed(model, gap) | touched)
     counts |= _may_touch(gap, turn * length)
-    return float(np.max((length / gap.slave.node_size)[counts], initial=0.0))
+    return _in_facets(gap, length, counts)
+
+
+def _in_facets(gap: WeightedGap, length: Array, counts: Flags) -> float:
+    """Largest distance of the nodes that count over the size of the largest facet at the node."""
+    size = np.asarray(gap.slave.cpp_object.node_facet_size)
+    return float(np.max((length / size)[counts], initial=0.0))
 
 
 def _may_touch(gap: WeightedGap, opened: Array) -> Flags:

@@ -57,6 +57,8 @@ class AtOnce:
         self.reason = LATE
         #: Reason of its linear solver, if that has failed; 0 otherwise.
         self.linear_reason = 0
+        #: The same reason in words, for error messages.
+        self.why = ""
 
     @property
     def fits(self) -> bool:
@@ -140,7 +142,7 @@ class AtOnce:
 
     def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
         """Store the reason why there is no solution."""
-        self.reason, self.linear_reason = LATE, 0
+        self.reason, self.linear_reason, self.why = LATE, 0, str(error)
         if isinstance(error, NoGapError):
             self._newton.note_unseen(str(error))
             return

@@ -190,6 +190,11 @@ class Balance:
         self.lacks_closure = bool(balanced and met and not closed)
         return bool(balanced and met and closed)
 
+    @property
+    def is_at_rounding(self) -> bool:
+        """Whether all that is left of the last iterate are rounding errors."""
+        return self._times_in_floor > 0
+
     def _sizes_in(self, at: State, i: int) -> Array:
         """Size of body i's free unknowns, or of its residual's reference unknowns if larger."""
         body = self._equations.system.bodies[i]

@@ -385,12 +385,13 @@ class Newton:
         """Store why gaps could not be found somewhere, for error messages."""
         self._context.unseen = text
 
-    def fail(self, reason: int, linear_reason: int | None = None) -> typing.NoReturn:
+    def fail(self, reason: int, linear_reason: int | None = None, why: str = "") -> typing.NoReturn:
         """Raise the error for a solve that ends with this reason. Collective.
 
         Args:
             reason: Reason of SNES, or of the library.
             linear_reason: Reason of the linear solver; by default the reason of SNES' own KSP.
+            why: The reason in words.
         """
         interrupt.look(self.system.comm)
         if linear_reason is None:
@@ -400,13 +401,13 @@ class Newton:
         active = record.active_of_all(self.system.comm)
         linear = self.system.linear and not self.system.slips
         error = ConvergenceError(
-            reason, record.residuals, active, linear_reason, record.violations, linear
+            reason, record.residuals, active, linear_reason, record.violations, linear, why
         )
         longest = self.snes.getTolerances()[3]
         is_short = longest < SNES_OPTIONS["snes_max_it"]
         if is_short and reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT:
             error.advise(f"snes_max_it = {longest} in petsc_options allows few iterations")
-        if self._context.unseen:
+        if self._context.unseen and not why:
             error.advise(self._context.unseen)
         raise error
 

@@ -15,7 +15,8 @@ from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
 from qsdolfinx.solve.onset import Onset, vectors_of
-from qsdolfinx.solve.snes import NOT_CLOSED
+from qsdolfinx.solve.progress import Progress
+from qsdolfinx.solve.snes import NO_PROGRESS, NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
 from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.passes import State
@@ -85,10 +86,12 @@ class OneNewton:
                 start is available.
 
         Raises:
-            NoConvergence: If none is found.
+            NoConvergence: If none is found: after the largest number of iterations, or as soon as
+                there is no :class:`Progress`.
         """
         self._balance.begin()
         self._mixing = Mixing(self.equations.system.comm)
+        progress = Progress(self.equations.system)
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -103,6 +106,10 @@ class OneNewton:
         for iteration in range(self.max_it + 1):
             if self._is_found(at, step):
                 return z
+            progress.add(at, self._merit(at), step, self._balance.num_closed(at))
+            fault = None if self._balance.is_at_rounding else progress.fault()
+            if fault is not None:
+                raise NoConvergence(fault, self._reason(NO_PROGRESS))
             if iteration == self.max_it:
                 break
             is_first = iteration == 0
@@ -116,9 +123,11 @@ class OneNewton:
             if is_guess and iteration == 0 and step < POOR:
                 raise NoConvergence("the first step leads nowhere")
             change = None
-        last = self._balance.history[-1]
-        reason = NOT_CLOSED if self._balance.lacks_closure else LATE
-        raise NoConvergence(f"no convergence in {self.max_it} iterations: {last}", reason)
+        raise NoConvergence(progress.late(), self._reason(LATE))
+
+    def _reason(self, usual: int) -> int:
+        """Reason of a run that ends without a solution, if gaps are not all that is left."""
+        return NOT_CLOSED if self._balance.lacks_closure else usual
 
     @property
     def _has_secants(self) -> bool:

@@ -581,7 +581,8 @@ class ContactProblem:
             self._is_at_once = True
         for _ in range(MAX_RATES + 1):
             if not self._at_once.solve(vanishing(self.stabilisation)):
-                self.newton.fail(self._at_once.reason, self._at_once.linear_reason)
+                failed = self._at_once
+                self.newton.fail(failed.reason, failed.linear_reason, failed.why)
             if not self._has_other_rates():
                 break
         if not self.newton.has_users_snes:

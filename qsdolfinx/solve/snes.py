@@ -50,11 +50,15 @@ LOST = -1002
 #: The same for an error that the user raises with a text.
 OF_USER = -1003
 
+#: The same for a solve that is ended before its largest number of iterations.
+NO_PROGRESS = -1004
+
 _NAMES = {
     NOT_CLOSED: "GAP_NOT_CLOSED",
     NOT_BALANCED: "FORCE_NOT_BALANCED",
     LOST: "BODY_LOST",
     OF_USER: "RAISED_BY_USER",
+    NO_PROGRESS: "NO_PROGRESS",
 }
 
 
@@ -108,6 +112,7 @@ class ConvergenceError(RuntimeError):
         violation_history: Largest gap (length) that the multipliers of an augmented Lagrangian have
             left, if any.
         linear: Whether the step size hardly matters.
+        why: Reason in words, such as the contact whose active set does not settle.
 
     Attributes:
         reason: PETSc's SNESConvergedReason, negative.
@@ -116,6 +121,7 @@ class ConvergenceError(RuntimeError):
         residual_history: As the argument.
         active_history: As the argument.
         violation_history: As the argument.
+        why: As the argument.
     """
 
     def __init__(
@@ -126,6 +132,7 @@ class ConvergenceError(RuntimeError):
         linear_reason: int = 0,
         violation_history: typing.Sequence[float] = (),
         linear: bool = False,
+        why: str = "",
     ) -> None:
         self.reason = OF_USER if isinstance(reason, str) else reason
         self.violation_history = list(violation_history)
@@ -139,7 +146,8 @@ class ConvergenceError(RuntimeError):
             name = reason_name(PETSc.KSP.ConvergedReason, linear_reason)
             of_linear_solver = f", linear solver: {name} ({linear_reason})"
         self._reason = f"SNES did not converge: {self.reason_name} ({reason}){of_linear_solver}"
-        self._reason += self._course()
+        self.why = why
+        self._reason += self._course() + (f": {why}" if why else "")
         self._remedies = [] if self._text is not None else [self._remedy(linear)]
         super().__init__(self._message())
 

@@ -108,8 +108,12 @@ class SnesOnZ:
                 thing.destroy()
         if reason < 0:
             history = self._balance.history
-            text = f"SNES: {reason_name(REASONS, reason)}"
-            raise NoConvergence(f"{text}: {history[-1]}" if history else text, reason)
+            text = f"PETSc's SNES has ended with {reason_name(REASONS, reason)}"
+            if history:
+                now = history[-1]
+                text += f" where {now.forces:.3g} of the contact forces are not balanced"
+                text += f", with {now.active} active constraints"
+            raise NoConvergence(text, reason)
         return found
 
     def _judged(self, reason: int, z: Array) -> int:

@@ -121,6 +121,8 @@ def reason_of(error: Exception, names: typing.Sequence[str]) -> str:
     """
     if not isinstance(error, ConvergenceError) or error.reason == OF_USER:
         return " ".join(str(error).splitlines())
+    if error.why:
+        return f"{error.reason_name}: {error.why}"
     return error.reason_name + _unsettled(error.active_history, names)
 
 

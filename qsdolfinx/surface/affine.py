@@ -45,8 +45,26 @@ def rotation_matrix(rotation: Array) -> Array:
     return np.asarray(np.eye(len(W)) + first * W + second * W @ W)
 
 
-def rotation_vector(matrix: Array) -> Array:
-    """Inverse of :func:`rotation_matrix`: an angle, shape (1,), or a vector (3,), up to π."""
+def rotation_vector(matrix: Array, near: Array | None = None) -> Array:
+    """Inverse of :func:`rotation_matrix`: an angle, shape (1,), or a vector (3,).
+
+    Args:
+        matrix: The rotation matrix.
+        near: Rotation that the result is closest to, which may have made whole turns; by default
+            the result is at most π.
+    """
+    vector = _shortest_rotation(matrix)
+    if near is None:
+        return vector
+    angle, most = float(np.linalg.norm(vector)), float(np.linalg.norm(near))
+    if angle == 0 and most == 0:
+        return vector
+    axis = vector / angle if angle > 0 else near / most
+    turns = np.round((float(axis @ near) - angle) / (2 * np.pi))
+    return np.asarray(vector + 2 * np.pi * turns * axis)
+
+
+def _shortest_rotation(matrix: Array) -> Array:
     if len(matrix) == 2:
         return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
     twist = np.array([matrix[2, 1], matrix[0, 2], matrix[1, 0]]) - [

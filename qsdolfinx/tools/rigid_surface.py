@@ -77,6 +77,7 @@ class ToolState(typing.NamedTuple):
         displacement: Translation over the coming step.
         rotation: Rotation over the coming step.
         driven: The prescribed force or moment, None if there is none.
+        made: Rotation of the coming step that ``go_ahead`` has made already.
     """
 
     pose: Pose
@@ -84,6 +85,7 @@ class ToolState(typing.NamedTuple):
     displacement: Array
     rotation: Array
     driven: Driven | None
+    made: Array
 
 
 class RigidSurface:
@@ -114,6 +116,7 @@ class RigidSurface:
         self._pose = Pose.at_rest(len(self._center))
         self._displacement: Array = np.zeros(self.gdim)
         self._rotation: Array = np.zeros(1 if self.gdim == 2 else 3)
+        self._made: Array = np.zeros_like(self._rotation)
         self._driven: Driven | None = None
         self.version = 0
         self._num_positions = 0
@@ -520,6 +523,7 @@ class RigidSurface:
         self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = np.zeros_like(self._displacement)
         self._rotation = np.zeros_like(self._rotation)
+        self._made = np.zeros_like(self._rotation)
 
     def go_ahead(self, displacement: Array, rotation: Array) -> None:
         """Make a part of the motion permanent; :attr:`displacement`, :attr:`rotation` are the rest.
@@ -528,11 +532,21 @@ class RigidSurface:
             displacement: Translation (length), shape (gdim,).
             rotation: Rotation about :attr:`center`, as :attr:`rotation`.
         """
-        d, R = self._displacement, rotation_matrix(self._rotation)
+        d, whole = self._displacement, self._rotation
         self._displacement, self._rotation = displacement, rotation
         self._place(Pose.from_matrix(self._pose.moved(self.motion), self.gdim))
         self._displacement = d - displacement
-        self._rotation = rotation_vector(R @ rotation_matrix(rotation).T)
+        left = rotation_matrix(whole) @ rotation_matrix(rotation).T
+        self._rotation = rotation_vector(left, whole - rotation)
+        self._made = self._made + rotation
+
+    @property
+    def rotation_of_step(self) -> Array:
+        """Rotation over the whole coming step, as :attr:`rotation`, with parts made already.
+
+        It is exact if all parts have the same axis; otherwise it is near the rotation.
+        """
+        return self._made + self._rotation
 
     @property
     def position(self) -> Array:
@@ -549,6 +563,7 @@ class RigidSurface:
             pose = Pose.from_matrix(value, self.gdim)
             same(position=pose.matrix)
         self._place(pose)
+        self._made = np.zeros_like(self._rotation)
 
     def _place(self, pose: Pose) -> None:
         self._pose = pose
@@ -559,13 +574,13 @@ class RigidSurface:
     def state(self) -> ToolState:
         """Variable state of the tool, for :meth:`restore`."""
         motion = self._displacement.copy(), self._rotation.copy()
-        return ToolState(self._pose, self.version, *motion, self._driven)
+        return ToolState(self._pose, self.version, *motion, self._driven, self._made)
 
     def restore(self, state: ToolState) -> None:
         """Restore a :attr:`state`; contacts that were paired in this state need no update."""
         self._pose, self.version = state.pose, state.version
         self._displacement, self._rotation = state.displacement.copy(), state.rotation.copy()
-        self._driven = state.driven
+        self._driven, self._made = state.driven, state.made
 
     # --- Force
 

@@ -2,12 +2,14 @@
 
 import warnings
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
-from following import Body, problem_of
+from following import Body, problem_of, ring, rotation
 from scenes import WORLD, box, vector_space
 
-from dolfinx import mesh
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
@@ -67,12 +69,13 @@ def test_lengths_within_a_box(gdim, cell, moves):
     def padded(x):
         return np.pad(x, ((0, 0), (0, 3 - gdim)))[mine]
 
-    facets = surface.cpp_object
-    was = np.pad(shift, (0, 3 - gdim))
-    lengths = _cpp.passed_lengths(
-        facets, facets.facet_x - was, padded(start - shift), padded(end), padded(normal)
-    )
-    assert np.allclose(lengths, expected[mine], rtol=1e-9, atol=1e-12)
+    facets, was = surface.cpp_object, np.pad(shift, (0, 3 - gdim))
+    for times in ((0.0, 1.0), (0.0, 0.5, 1.0)):  # two pieces of a straight path change nothing
+        facet_x = np.stack([facets.facet_x - (1 - t) * was for t in times])
+        x = np.stack([(1 - t) * padded(start - shift) + t * padded(end) for t in times])
+        normals = np.stack([padded(normal)] * len(times))
+        lengths = _cpp.passed_lengths(facets, len(times) - 1, facet_x, x, normals)
+        assert np.allclose(lengths, expected[mine], rtol=1e-9, atol=1e-12)
 
 
 class OntoASheet:
@@ -170,3 +173,97 @@ def test_going_around_an_edge_is_no_passing():
         stepper.drive = lambda t, dt, way=way: setattr(tool, "displacement", way)
         stepper.step()
     assert stepper.num_cutbacks == 0
+
+
+class Paddle:
+    """A round bar on an arm turns about the origin into a thin post, which it pushes aside.
+
+    The chord of a large rotation passes between the bar and the origin.
+
+    Args:
+        kind: ``"facets"`` of a rigid tool, or a ``"body"`` whose motion is prescribed.
+        angle: Angle of the whole rotation (radians); negative clockwise.
+    """
+
+    ARM, RADIUS, BEYOND = 0.95, 0.15, 0.25
+
+    def __init__(self, kind, angle):
+        post = Body(box(WORLD, (2, 20), "quadrilateral", [-0.05, 0.75], [0.05, 2.0]))
+        post.clamp(post.boundary(lambda x: np.isclose(x[1], 2.0)))
+        slave, bodies = post.surface(post.boundary(lambda x: x[1] < 1.99)), [post]
+        start = np.pi / 2 + np.sign(angle) * self.BEYOND - angle
+        self.angle, middle = angle, self.ARM * np.array([np.cos(start), np.sin(start)])
+        if kind == "facets":
+            i = np.arange(32)
+            around = 2 * np.pi * i / 32
+            x = middle + self.RADIUS * np.stack([np.cos(around), np.sin(around)], axis=1)
+            sides = np.stack([i, (i + 1) % 32], axis=1)
+            self.tool = qs.RigidSurface.triangulated(WORLD, x, sides, [0.0, 0.0])
+            master, self.move = self.tool, self.turn_tool
+        else:
+            msh = ring((32, 1), (0.5 * self.RADIUS, self.RADIUS))
+            msh.geometry.x[:, :2] += middle
+            bar = Body(msh, stiffness=1e4)
+            self.held = fem.Function(bar.V)
+            dofs = np.arange(bar.V.dofmap.index_map.size_local, dtype=np.int32)
+            bar.bcs.append(fem.dirichletbc(self.held, dofs))
+            bodies.append(bar)
+            master, self.move = bar.surface(boundary_of(msh)), self.turn_body
+        self.contact = qs.Contact(slave, master, formulation="master-slave", sliding="finite")
+        self.problem = problem_of(bodies, [self.contact])
+
+    def turn_tool(self, t, dt):
+        self.tool.rotation = self.angle * dt
+
+    def turn_body(self, t, dt):
+        R = rotation(self.angle * t)
+        self.held.interpolate(lambda x: (R - np.eye(2)) @ x[:2])
+
+    def stepped(self, dt):
+        """Make steps to the end; return the stepper and the force on the post."""
+        stepper = qs.TimeStepper(self.problem, dt, self.move)
+        for _ in stepper.run(1.0):
+            pass
+        return stepper, self.contact.force("slave")
+
+
+@pytest.mark.parametrize(
+    "kind, degrees", (("facets", 60), ("facets", 120), ("facets", -180), ("body", 120))
+)
+def test_paths_of_a_large_rotation_are_arcs(kind, degrees):
+    """A bar that would pass through a post in one rotation pushes it aside in smaller steps."""
+    angle = np.radians(degrees)
+    stepper, force = Paddle(kind, angle).stepped(1.0)
+    _, expected = Paddle(kind, angle).stepped(1 / 16)
+    assert stepper.num_cutbacks > 0
+    assert np.sign(angle) * expected[0] < -0.005 and np.allclose(force, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("turn", (2.0, np.pi, 5.0))
+def test_arcs_in_space(turn):
+    """In 3D, a tool that has turned through a block by any angle gives a warning, else none."""
+    found = []
+    for height in (0.0, 0.5):
+        msh = box(WORLD, (2, 4, 2), "hexahedron", [-0.1, 0.7, -0.1], [0.1, 1.3, 0.1])
+        block = Body(msh)
+        block.clamp(block.boundary(lambda x: np.isclose(x[1], 1.3)))
+        n, s = 6, np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        rows = [[x, 0.05 * a, 0.1 * b + height] for x in np.linspace(0.75, 1.0, n) for a, b in s]
+        start = rotation(np.pi / 2 - turn / 2)
+        corners = np.array(rows)
+        corners[:, :2] = corners[:, :2] @ start.T
+        sides = [[4 * i + j, 4 * i + k, 4 * i + 4 + j, 4 * i + 4 + k] for i in range(n - 1)
+                 for j, k in ((0, 1), (1, 2), (2, 3), (3, 0))]  # fmt: skip
+        triangles = [t for a, b, c, d in sides for t in ([a, c, b], [b, c, d])]
+        m = 4 * (n - 1)
+        triangles += [[0, 1, 2], [0, 2, 3], [m, m + 2, m + 1], [m, m + 3, m + 2]]
+        tool = qs.RigidSurface.triangulated(WORLD, corners, triangles, [0.0, 0.0, height])
+        contact = qs.Contact(block.surface(boundary_of(msh)), tool, formulation="master-slave")
+        problem = problem_of([block], [contact])
+        tool.rotation = [0.0, 0.0, turn]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            problem.solve()
+        told = any("through a part of the other surface" in str(w.message) for w in caught)
+        found.append(WORLD.allreduce(told, op=MPI.LOR))
+    assert found == [True, False]

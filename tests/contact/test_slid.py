@@ -12,8 +12,8 @@ from qsdolfinx.surface.affine import Affine
 
 N = 4
 
-#: Distances in facets: a node at an end has half a facet.
-SLID = 0.1 * 2 * N
+#: Distance in facets, at the ends of the surface as elsewhere.
+SLID = 0.1 * N
 
 
 def below_a_plane(gap):

@@ -49,7 +49,7 @@ def rubber():
 def test_step_that_is_too_large(rubber):
     """If a cell inverts, the error names the step as the cause; smaller steps help."""
     problem, top, _ = rubber
-    top.value = (0.0, -1.05)
+    top.value = (0.0, -1.2)
     with pytest.raises(qs.ConvergenceError, match=r"DIVERGED_FNORM_NAN|NANORINF") as caught:
         problem.solve()
     assert "the step is too large" in str(caught.value)

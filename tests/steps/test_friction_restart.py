@@ -203,4 +203,5 @@ def test_goes_on_as_if_uninterrupted(folder, name, at, options):
         for numbers in expected:
             run.stepper.step()
             scale = np.abs(numbers).max()
-            np.testing.assert_allclose(results(run), numbers, rtol=1e-6, atol=1e-8 * scale)
+            # Vectors that turned from the normals of another contact detection differ by 5e-9.
+            np.testing.assert_allclose(results(run), numbers, rtol=1e-9, atol=1e-9 * scale)
