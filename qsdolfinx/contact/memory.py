@@ -14,11 +14,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
-from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -73,10 +71,12 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
         )
         for j, part in enumerate(model.parts)
     ]
-    for j, gap in enumerate(model.gaps):
-        for name in gap.law.memory:
-            own = functools.partial(_memory, gap, name), functools.partial(_set_memory, gap, name)
-            out.append(OfNodes(f"law_{j}_{name}", gap.slave, *own))
+    of_laws: dict[str, tuple[Part, ...]] = {"law": model.gaps, "friction": model.slips}
+    for kind, parts in of_laws.items():
+        for j, part in enumerate(parts):
+            for name in part.state.memory.first:
+                own = functools.partial(_memory, part, name), functools.partial(_set, part, name)
+                out.append(OfNodes(f"{kind}_{j}_{name}", part.slave, *own))
     for j, slip in enumerate(model.slips):
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
         start = functools.partial(_start, model, j), functools.partial(_set_start, model, j)
@@ -129,14 +129,33 @@ def write(
         quantity.write(values[quantity.name])
 
 
+def names(model: ContactModel) -> list[str]:
+    """Names of the history variables of the contact's laws."""
+    friction = () if model.friction is None else model.friction.law.memory
+    return sorted(model.law.memory) + sorted(friction)
+
+
+def begin_step(model: ContactModel) -> None:
+    """Begin a step with the history variables of laws at the end of the last step."""
+    for part in model.parts:
+        part.state.memory = part.state.memory.begun()
+
+
 def end_step(model: ContactModel) -> None:
     """Update history variables at the end of a step, for the start of the next step. Collective."""
+    if model.law.memory:
+        for gap in model.gaps:
+            gap.commit(model.eps)
     if model.friction is not None:
         model.friction.end_step(model.slips)
-    if model.law.memory:
-        with collective_errors(model.comm):  # the law is the user's
-            for gap in model.gaps:
-                gap.commit(model.eps)
+
+
+def reset(model: ContactModel) -> None:
+    """Set the history variables of laws to their initial values."""
+    for part in model.parts:
+        memory = part.state.memory
+        first = {name: np.full_like(x, memory.first[name]) for name, x in memory.start.items()}
+        part.state.memory = memory.with_values(first)
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:
@@ -171,12 +190,16 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
 # --- History variables of single integration sides
 
 
-def _memory(gap: WeightedGap, name: str) -> Array:
-    return gap.memory[name][:, None]
+def _memory(part: Part, name: str) -> Array:
+    """Differences from the initial value, which nodes have that no value is transferred to."""
+    memory = part.state.memory
+    return memory.latest[name] - memory.first[name]
 
 
-def _set_memory(gap: WeightedGap, name: str, values: Array) -> None:
-    gap.set_memory(gap.memory | {name: np.array(values[:, 0])})
+def _set(part: Part, name: str, values: Array) -> None:
+    memory = part.state.memory
+    new = np.array(values + memory.first[name])
+    part.state.memory = memory.with_values(memory.latest | {name: new})
 
 
 def _slipped(model: ContactModel, j: int) -> Array:

@@ -18,6 +18,15 @@ STRENGTH, OPENING, EPS = 0.5, 0.2, 10.0
 WAYS = 0.04, 0.1, 0.15, 0.06, 0.15, 0.2, 0.3, -0.05
 
 
+#: Where the law is evaluated. With finite sliding, areas are those of the deformed block.
+AT = {
+    "nodal": {"quadrature": "nodal"},
+    "nodes": {"constraints": "nodes"},
+    "points": {"constraints": "points"},
+    "finite": {"sliding": "finite", "nu": 0.0},
+}
+
+
 def bonded(cell="triangle", n=3, **options):
     options = {"law": Bond(STRENGTH, OPENING), "penalty": EPS} | options
     return Pressed(cell, flat, n=n, **options)
@@ -46,11 +55,11 @@ def in_closed_form(modulus):
     return out
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("at", AT)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
-def test_bond_that_breaks(cell, quadrature):
+def test_bond_that_breaks(cell, at):
     """Uniform tension as the tool moves up and down agrees with the closed form."""
-    scene = bonded(cell, 2 if cell == "hexahedron" else 3, quadrature=quadrature)
+    scene = bonded(cell, 2 if cell == "hexahedron" else 3, **AT[at])
     found, damage = [], []
     for way in WAYS:
         scene.tool.displacement[-1] = way
@@ -81,10 +90,11 @@ def state(scene):
     return [*scene.contact.force("master"), damage]
 
 
-def test_restart(tmp_path):
+@pytest.mark.parametrize("at", AT)
+def test_restart(tmp_path, at):
     """A run that is resumed from a checkpoint continues as if uninterrupted."""
     folder = WORLD.bcast(tmp_path) / "run"
-    whole, first, second = bonded(), bonded(), bonded()
+    whole, first, second = (bonded(**AT[at]) for _ in range(3))
     steppers = [stepper_of(scene) for scene in (whole, first, second)]
     for _ in range(3):
         steppers[0].step()
@@ -152,9 +162,10 @@ def test_checkpoint_of_another_kind_of_contact(tmp_path):
         )
 
 
-def test_step_that_is_made_again():
+@pytest.mark.parametrize("at", AT)
+def test_step_that_is_made_again(at):
     """A failed attempt at a step leaves no damage behind."""
-    scene, other, tried = bonded(), bonded(), []
+    scene, other, tried = bonded(**AT[at]), bonded(**AT[at]), []
 
     def solve(step):
         scene.problem.solve()
@@ -187,12 +198,14 @@ def test_solve_that_fails():
     np.testing.assert_array_equal(scene.contact.memory("damage"), before)
 
 
-def test_another_mesh():
+@pytest.mark.parametrize("at", ("nodes", "points"))
+def test_another_mesh(at):
     """Transfer to another mesh keeps the integral of the damage."""
-    old, new = bonded(n=4), bonded(n=5)
-    gap = old.contact.model.gaps[0]
+    old, new = bonded(n=4, **AT[at]), bonded(n=5, **AT[at])
+    state = old.contact.model.gaps[0].state
     x = old.surface.linear.node_x[:, 0]
-    gap.set_memory({"damage": 0.2 + 0.5 * x})
+    damage = np.repeat(0.2 + 0.5 * x[:, None], 1 if at == "nodes" else 2, axis=1)
+    state.memory = state.memory.with_values({"damage": damage})
     ContactValues.of(old.contact.model).hand_over(new.contact.model)
     found = new.contact.memory("damage")
     totals = [
@@ -203,9 +216,10 @@ def test_another_mesh():
     assert largest(found - 0.2 - 0.5 * new.surface.linear.node_x[:, 0]) < 0.06
 
 
-def test_pairing_anew():
+@pytest.mark.parametrize("at", AT)
+def test_pairing_anew(at):
     """Nodes keep their history variables when the contact pairs are updated."""
-    scene = bonded()
+    scene = bonded(**AT[at])
     for scene.tool.displacement[-1] in WAYS[:3]:
         scene.problem.solve()
     before = scene.contact.memory("damage")
@@ -219,8 +233,6 @@ def test_pairing_anew():
     "law, options, match",
     (
         (Bond, {"enforcement": "augmented-lagrangian"}, "enforcement: a law that remembers"),
-        (Bond, {"constraints": "points"}, "constraints: a law that remembers"),
-        (Bond, {"sliding": "finite"}, "sliding: a law that remembers"),
         (Bond, {"penalty": "auto"}, "penalty: a law that remembers needs a number"),
     ),
 )
@@ -246,6 +258,16 @@ class Other(Bond):
 
     def slope(self, gap, penalty, touching, damage):
         return penalty
+
+
+class Misnamed(Bond):
+    def commit(self, gap, penalty, damage):
+        return {"wear": damage}
+
+
+class Lists(Other):
+    def commit(self, gap, penalty, damage):
+        return damage
 
 
 class Tangent(Other):
@@ -276,7 +298,12 @@ class Named(Bond):
         (Forgets, "law: a law that remembers needs commit"),
         (Named, "law: memory must have a name"),
         (InPlace, "read-only"),
-        (Other, "law: commit must return"),
+        (Other, "law: Other.commit must return a dict of its memory, ['damage'], not ['wear']"),
+        (
+            Misnamed,
+            "law: Misnamed has asked for 'damage'; its memory is ['damage'], and its commit",
+        ),
+        (Lists, "law: Lists.commit must return a dict of its memory, ['damage'], not ndarray"),
         (Tangent, "law: slope must be positive"),
         (Flat, "law: multiplier must return an array of the gap's shape ("),
         (Deep, "law: slope must return an array of shape ("),
