@@ -51,12 +51,14 @@ class OfContact:
         read: Returns the value. Collective.
         write: Sets the value. Collective.
         of_mesh: Whether the value belongs to the mesh; another mesh then has its own value.
+        of_pairs: Whether it has to be written to new contact pairs.
     """
 
     name: str
     read: typing.Callable[[], typing.Any]
     write: typing.Callable[[typing.Any], None]
     of_mesh: bool = False
+    of_pairs: bool = False
 
 
 def of_nodes(model: ContactModel) -> list[OfNodes]:
@@ -71,12 +73,10 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
         )
         for j, part in enumerate(model.parts)
     ]
-    of_laws: dict[str, tuple[Part, ...]] = {"law": model.gaps, "friction": model.slips}
-    for kind, parts in of_laws.items():
-        for j, part in enumerate(parts):
-            for name in part.state.memory.first:
-                own = functools.partial(_memory, part, name), functools.partial(_set, part, name)
-                out.append(OfNodes(f"{kind}_{j}_{name}", part.slave, *own))
+    for of_part, part in _remembering(model):
+        for name in part.state.memory.first:
+            own = functools.partial(_memory, part, name), functools.partial(_set, part, name)
+            out.append(OfNodes(f"{of_part}_{name}", part.slave, *own))
     for j, slip in enumerate(model.slips):
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
         start = functools.partial(_start, model, j), functools.partial(_set_start, model, j)
@@ -87,7 +87,7 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
 
 
 def of_contact(model: ContactModel) -> list[OfContact]:
-    """History variables of the contact as a whole: its penalty and the dissipated energy."""
+    """History variables of the contact as a whole: penalty, limits of laws, dissipated energy."""
     penalty = model.penalty
 
     def stiffness() -> typing.Any:
@@ -109,6 +109,9 @@ def of_contact(model: ContactModel) -> list[OfContact]:
 
     out = [OfContact("penalty", eps, set_eps, True)]
     out.append(OfContact("stiffness", stiffness, set_stiffness, True))
+    for of_part, part in _remembering(model):
+        both = functools.partial(_limits, part), functools.partial(_set_limits, part)
+        out.append(OfContact(f"{of_part}_limits", *both, of_pairs=True))
     friction = model.friction
     if friction is None:
         return out
@@ -119,6 +122,11 @@ def of_contact(model: ContactModel) -> list[OfContact]:
     out.append(OfContact("rate", lambda: friction.rate, friction.continue_with))
     out.append(OfContact("dissipated", friction.dissipated_energy, set_dissipated))
     return out
+
+
+def of_pairs(model: ContactModel) -> list[OfNodes | OfContact]:
+    """History variables that have to be written to new contact pairs."""
+    return [*of_nodes(model), *(q for q in of_contact(model) if q.of_pairs)]
 
 
 def write(
@@ -153,9 +161,7 @@ def end_step(model: ContactModel) -> None:
 def reset(model: ContactModel) -> None:
     """Set the history variables of laws to their initial values."""
     for part in model.parts:
-        memory = part.state.memory
-        first = {name: np.full_like(x, memory.first[name]) for name, x in memory.start.items()}
-        part.state.memory = memory.with_values(first)
+        part.state.memory = part.state.memory.forgotten()
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:
@@ -188,6 +194,21 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
 
 
 # --- History variables of single integration sides
+
+
+def _remembering(model: ContactModel) -> list[tuple[str, Part]]:
+    """Parts whose laws have history variables, with unique names."""
+    named: list[tuple[str, Part]] = [(f"law_{j}", gap) for j, gap in enumerate(model.gaps)]
+    named += [(f"friction_{j}", slip) for j, slip in enumerate(model.slips)]
+    return [(name, part) for name, part in named if part.state.memory.first]
+
+
+def _limits(part: Part) -> dict[str, list[float]]:
+    return dict(part.state.memory.limits)
+
+
+def _set_limits(part: Part, limits: typing.Mapping[str, list[float]]) -> None:
+    part.state.memory = part.state.memory.with_limits(dict(limits))
 
 
 def _memory(part: Part, name: str) -> Array:

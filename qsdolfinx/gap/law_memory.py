@@ -6,6 +6,8 @@ import contextlib
 import dataclasses
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,10 +32,12 @@ class LawMemory:
     Each variable is a function on the slave's surface: one value for each owned node, or with
     constraints at points one for each smooth patch of a node. The law gets the values of these
     functions at its constraints. They belong to the slave: when contact pairs are updated, or
-    points move, nothing is transferred.
+    points move, nothing is transferred. Beside a steep front, a function of the nodes exceeds the
+    values from which it was projected: the law gets nothing beyond the values that it has returned.
 
     Attributes:
         first: Initial values by name.
+        limits: Least and largest value that the law has returned so far, for each name.
         start: Values at the start of the step, (nodes, patches) for each name.
         end: Values at the end of the last step, until the next step begins; None otherwise.
         known: Values of ``start`` at the constraints of the last evaluation, (rows,) for each name.
@@ -41,6 +45,7 @@ class LawMemory:
     """
 
     first: typing.Mapping[str, float] = dataclasses.field(default_factory=dict)
+    limits: typing.Mapping[str, list[float]] = dataclasses.field(default_factory=dict)
     start: dict[str, Array] = dataclasses.field(default_factory=dict)
     end: dict[str, Array] | None = None
     known: dict[str, Array] = dataclasses.field(default_factory=dict)
@@ -55,7 +60,8 @@ class LawMemory:
         for name, value in first.items():
             start[name] = np.full(shape, value)
             known[name] = np.full(rows.operator.num_rows, value)
-        return cls(first, start, None, _locked(known))
+        limits = {name: [value, value] for name, value in first.items()}
+        return cls(first, limits, start, None, _locked(known))
 
     @property
     def latest(self) -> dict[str, Array]:
@@ -70,11 +76,24 @@ class LawMemory:
         """The history variables with other values at the start of the step."""
         return dataclasses.replace(self, start=values, end=None, rows=None)
 
+    def with_limits(self, limits: typing.Mapping[str, list[float]]) -> LawMemory:
+        """The history variables with other limits."""
+        return dataclasses.replace(self, limits=limits, rows=None)
+
+    def forgotten(self) -> LawMemory:
+        """The history variables with their initial values."""
+        first = {name: np.full_like(x, self.first[name]) for name, x in self.start.items()}
+        limits = {name: [value, value] for name, value in self.first.items()}
+        return self.with_values(first).with_limits(limits)
+
     def at(self, rows: Rows) -> LawMemory:
         """The history variables, known at these constraints. Collective."""
         if not self.first or self.rows is rows:
             return self
-        known = {name: rows.from_patches(values) for name, values in self.start.items()}
+        known = {
+            name: np.clip(rows.from_patches(values), *self.limits[name])
+            for name, values in self.start.items()
+        }
         return dataclasses.replace(self, known=_locked(known), rows=rows)
 
     def after(self, rows: Rows, found: typing.Mapping[str, Array]) -> LawMemory:
@@ -88,7 +107,14 @@ class LawMemory:
             name: rows.advanced(values, self.known[name], found[name])
             for name, values in self.start.items()
         }
-        return dataclasses.replace(self, end=end)
+        ends = [(-x.min(initial=np.inf), x.max(initial=-np.inf)) for x in found.values()]
+        most = np.array(ends)
+        rows.slave.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        limits = {
+            name: [min(self.limits[name][0], float(-low)), max(self.limits[name][1], float(high))]
+            for name, (low, high) in zip(found, most, strict=True)
+        }
+        return dataclasses.replace(self, end=end, limits=limits)
 
 
 def _locked(values: dict[str, Array]) -> dict[str, Array]:

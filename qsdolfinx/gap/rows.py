@@ -419,19 +419,14 @@ class PointRows(Rows):
         return self.from_sides(values)
 
     def advanced(self, before: Array, old: Array, new: Array) -> Array:
-        """The function with the projected change, within the range of all values.
+        """The function with the projected change.
 
-        Without the limits, the projection would exceed this range beside a steep front. Columns
-        without a patch get the mean change of the patches of their node, so that transfer to
-        another mesh, whose nodes have other patches, finds a value there.
+        Columns without a patch get the mean change of the patches of their node, so that transfer
+        to another mesh, whose nodes have other patches, finds a value there.
         """
         change = self.projected((new - old)[:, None])
-        own = self.area_of_sides > 0
-        change = np.where(own, change, self.means_of_patches(change)[:, None])
-        every = np.concatenate([before.ravel(), new])
-        ends = np.array([np.max(-every, initial=-np.inf), np.max(every, initial=-np.inf)])
-        self.slave.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
-        return np.clip(before + change, -ends[0], ends[1])
+        mean = self.means_of_patches(change)[:, None]
+        return np.asarray(before + np.where(self.area_of_sides > 0, change, mean))
 
     def means_of_patches(self, values: Array) -> Array:
         """Means with the areas of the patches."""

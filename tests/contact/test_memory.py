@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from contact.bond import Bond
 from rigid_scenes import Pressed, flat
-from scenes import WORLD, Pair, largest, raises_everywhere
+from scenes import WORLD, Pair, box, elastic, largest, plane, raises_everywhere, vector_space
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.contact import memory
+from qsdolfinx.gap.law_memory import LawMemory
 from qsdolfinx.remeshing.contact_values import ContactValues
 
 STRENGTH, OPENING, EPS = 0.5, 0.2, 10.0
@@ -227,6 +230,109 @@ def test_pairing_anew(at):
     np.testing.assert_array_equal(scene.contact.memory("damage"), before)
     names = [q.name for q in memory.of_nodes(scene.contact.model)]
     assert names == ["multiplier_0", "law_0_damage"]
+
+
+def at_points(n=5):
+    """Return a bonded scene, the constraints at its points, and their positions along the face."""
+    scene = bonded(n=n, **AT["points"])
+    rows = scene.contact.model.gaps[0].rows
+    return scene, rows, rows.from_nodes(scene.surface.linear.node_x[:, 0])
+
+
+def test_what_points_keep():
+    """At points, linear changes are exact, nothing is smoothed at rest, and integrals are kept."""
+    scene, rows, x = at_points()
+    of_nodes, area = scene.surface.linear.node_x[:, :1], rows.operator.row_area
+    before = (0.5 + of_nodes**2) * np.ones(2)
+    old = rows.from_patches(before)
+    assert largest(rows.advanced(before, old, old) - before) < 1e-15
+    found = rows.advanced(before, old, old + 0.2 + 0.3 * x)
+    assert largest(found - before - 0.2 - 0.3 * of_nodes) < 1e-10
+    found = rows.advanced(before, old, old + 0.1 * np.sin(20 * x))
+    change = [area @ (rows.from_patches(found) - old), area @ (0.1 * np.sin(20 * x))]
+    change = WORLD.allreduce(np.array(change))
+    assert change[0] == pytest.approx(change[1], abs=1e-12)
+
+
+def test_steep_front_at_points():
+    """Beside a steep front, a law gets no values beyond those that it has returned."""
+    _, rows, x = at_points()
+    memory = LawMemory.of(Bond(STRENGTH, OPENING), rows)
+    front = {"damage": np.where(x < 0.43, 1.0, 0.0)}
+    memory = memory.after(rows, front).begun().at(rows)
+    assert memory.limits == {"damage": [0.0, 1.0]}
+    found, seen = rows.from_patches(memory.start["damage"]), memory.known["damage"]
+    assert largest(np.clip(found, 0.0, 1.0) - found) > 0.02
+    assert largest(np.clip(seen, 0.0, 1.0) - seen) == 0
+    assert largest(np.where(x < 0.2, seen - 1, 0.0)) < 0.3
+
+
+class Peeled:
+    """A strip that is bonded to a plate and lifted at one end: the damage has a front."""
+
+    def __init__(self, **options):
+        msh = box(WORLD, (16, 4), "triangle", [0.0, 0.0], [4.0, 1.0])
+        V = vector_space(msh)
+        u, self.end = fem.Function(V), fem.Constant(msh, np.zeros(2))
+        dofs = fem.locate_dofs_topological(V, 1, plane(msh, 0, 4.0))
+        plate = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+        options |= {"law": Bond(STRENGTH, OPENING), "penalty": 20.0, "search_radius": 1.0}
+        self.contact = qs.Contact(surface, plate, **options)
+        bc = fem.dirichletbc(self.end, dofs, V)
+        self.problem = qs.ContactProblem([elastic(u, 20.0)], [u], [self.contact], [[bc]])
+
+    def pull(self):
+        """Return the force after each step."""
+        forces = []
+        for self.end.value[1] in np.linspace(0.05, 0.4, 8):
+            self.problem.solve()
+            forces.append(-self.contact.force("slave")[1])
+        return np.array(forces)
+
+
+def test_front_of_damage():
+    """With a front of damage, constraints at points agree with those at nodes."""
+    scenes = [Peeled(**AT[at], sliding="small") for at in ("nodes", "points")]
+    forces, points = (scene.pull() for scene in scenes)
+    np.testing.assert_allclose(points, forces, rtol=0.02)
+    damage = scenes[1].contact.memory("damage")
+    assert forces.max() > 1.5 * forces[-1] and largest(np.clip(damage, 0, 1) - damage) < 0.05
+    assert WORLD.allreduce(damage.max(initial=0.0), max) == pytest.approx(1.0, abs=0.05)
+
+
+class Glue(qs.Law):
+    """A bond in all directions, whose stiffness falls with the largest displacement so far."""
+
+    jump, linear = True, False
+    memory = {"most": 0.0}  # noqa: RUF012
+
+    def commit(self, gap, penalty, most):
+        return {"most": np.maximum(most, np.linalg.norm(gap, axis=1))}
+
+    def slope(self, gap, penalty, touching, most):
+        return penalty / (1 + self.commit(gap, penalty, most)["most"] / 0.1)
+
+    def multiplier(self, gap, penalty, most):
+        return self.slope(gap, penalty, 0.0, most)[:, None] * gap
+
+    def energy(self, gap, penalty, most):
+        return 0.5 * self.slope(gap, penalty, 0.0, most) * np.sum(gap**2, axis=1)
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_law_of_the_relative_displacement(sliding):
+    """A law of all components remembers, also with finite sliding, and damages both directions."""
+    scene = bonded(law=Glue(), sliding=sliding, nu=0.0)
+    way, most = np.array([0.0, 0.05, 0.15, 0.08]), 0.0
+    for i in way:
+        scene.tool.displacement = [0.0, i]
+        scene.problem.solve()
+        force = -scene.contact.force("master")[-1]
+        gap = i - force / scene.modulus
+        most = max(most, gap)
+        assert force == pytest.approx(EPS / (1 + most / 0.1) * gap, abs=1e-9)
+    assert largest(scene.contact.memory("most") - most) < 1e-9
 
 
 @pytest.mark.parametrize(
