@@ -10,7 +10,6 @@ from dolfinx import fem
 
 from qsdolfinx.base.checks import FINITE, check, either, instance, require
 from qsdolfinx.friction.laws import Friction
-from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
@@ -154,22 +153,28 @@ def check_constraints(constraints: str, quadrature: str, law: Law) -> None:
 
 
 def check_memory(
-    law: Law, enforcement: str, constraints: str, sliding: str, penalty: typing.Any
+    law: Law, friction: Friction | None, enforcement: str, penalty: typing.Any
 ) -> None:
-    """Raise an error for a law with history variables that the other arguments do not support."""
+    """Raise an error for laws with history variables that the other arguments do not support."""
+    of = "a law that remembers "
+    for what, each, base in (("law", law, Law), ("friction", friction, Friction)):
+        if each is None or not each.memory:
+            continue
+        numbers = isinstance(each.memory, typing.Mapping) and all(
+            isinstance(name, str) and FINITE.fits(first) for name, first in each.memory.items()
+        )
+        require(
+            numbers, f"{what}: memory must have a name and a finite initial value of each number"
+        )
+        commits = type(each).commit is not base.commit
+        require(commits, f"{what}: {of}needs commit, which returns its memory after a step")
     if not law.memory:
         return
-    of = "a law that remembers "
-    numbers = isinstance(law.memory, typing.Mapping) and all(
-        isinstance(name, str) and FINITE.fits(first) for name, first in law.memory.items()
+    same = set(law.memory) & set(() if friction is None else friction.memory)
+    require(
+        not same, f"friction: its memory and that of the law need other names, not {sorted(same)}"
     )
-    require(numbers, "law: memory must have a name and a finite initial value of each number")
-    commits = type(law).commit is not Law.commit
-    require(commits, f"law: {of}needs commit, which returns its memory after a step")
     require(enforcement == "penalty", f'enforcement: {of}uses gap and ε only; use "penalty"')
-    fixed = not follows(sliding, law)
-    require(fixed, f'sliding: {of}is evaluated at nodes of fixed pairs; use "small"')
-    require(constraints == "nodes", f'constraints: {of}is evaluated at nodes; use "nodes"')
     text = f"penalty: {of}needs a number, as ε is a part of it"
     require(penalty != "auto", f'{text}; "auto" differs on each mesh')
 

@@ -14,7 +14,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import motion, multipliers, overclosed
+from qsdolfinx.contact import memory, motion, multipliers, overclosed
 from qsdolfinx.contact.advice import AT_FIRST, tell_smoothed
 from qsdolfinx.contact.arguments import SLAVE
 from qsdolfinx.contact.findings import look
@@ -380,8 +380,9 @@ class Contact:
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
-        """Delete the multipliers, the history of friction and the history variables of the law."""
+        """Delete the multipliers, the history of friction and the history variables of laws."""
         multipliers.reset(self.model)
+        memory.reset(self.model)
 
     def set_dt(self, dt: float) -> None:
         """Set Δt (time) for the next solves. Collective.

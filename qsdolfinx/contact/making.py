@@ -208,7 +208,7 @@ def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
         constraints = default_constraints(
             a.quadrature, a.formulation, a.law, a.enforcement, sliding
         )
-    check_memory(a.law, a.enforcement, constraints, sliding, a.penalty)
+    check_memory(a.law, a.friction, a.enforcement, a.penalty)
     check_sliding(sliding, a.quadrature, normals, constraints, sides, a.law)
     if a.itself:
         check_itself(a.formulation, a.quadrature, a.law, sides, a.unknown)

@@ -14,11 +14,9 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
-from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -53,12 +51,14 @@ class OfContact:
         read: Returns the value. Collective.
         write: Sets the value. Collective.
         of_mesh: Whether the value belongs to the mesh; another mesh then has its own value.
+        of_pairs: Whether it has to be written to new contact pairs.
     """
 
     name: str
     read: typing.Callable[[], typing.Any]
     write: typing.Callable[[typing.Any], None]
     of_mesh: bool = False
+    of_pairs: bool = False
 
 
 def of_nodes(model: ContactModel) -> list[OfNodes]:
@@ -73,10 +73,10 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
         )
         for j, part in enumerate(model.parts)
     ]
-    for j, gap in enumerate(model.gaps):
-        for name in gap.law.memory:
-            own = functools.partial(_memory, gap, name), functools.partial(_set_memory, gap, name)
-            out.append(OfNodes(f"law_{j}_{name}", gap.slave, *own))
+    for of_part, part in _remembering(model):
+        for name in part.state.memory.first:
+            own = functools.partial(_memory, part, name), functools.partial(_set, part, name)
+            out.append(OfNodes(f"{of_part}_{name}", part.slave, *own))
     for j, slip in enumerate(model.slips):
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
         start = functools.partial(_start, model, j), functools.partial(_set_start, model, j)
@@ -87,7 +87,7 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
 
 
 def of_contact(model: ContactModel) -> list[OfContact]:
-    """History variables of the contact as a whole: its penalty and the dissipated energy."""
+    """History variables of the contact as a whole: penalty, limits of laws, dissipated energy."""
     penalty = model.penalty
 
     def stiffness() -> typing.Any:
@@ -109,6 +109,9 @@ def of_contact(model: ContactModel) -> list[OfContact]:
 
     out = [OfContact("penalty", eps, set_eps, True)]
     out.append(OfContact("stiffness", stiffness, set_stiffness, True))
+    for of_part, part in _remembering(model):
+        both = functools.partial(_limits, part), functools.partial(_set_limits, part)
+        out.append(OfContact(f"{of_part}_limits", *both, of_pairs=True))
     friction = model.friction
     if friction is None:
         return out
@@ -121,6 +124,11 @@ def of_contact(model: ContactModel) -> list[OfContact]:
     return out
 
 
+def of_pairs(model: ContactModel) -> list[OfNodes | OfContact]:
+    """History variables that have to be written to new contact pairs."""
+    return [*of_nodes(model), *(q for q in of_contact(model) if q.of_pairs)]
+
+
 def write(
     quantities: typing.Iterable[OfNodes | OfContact], values: typing.Mapping[str, typing.Any]
 ) -> None:
@@ -129,14 +137,31 @@ def write(
         quantity.write(values[quantity.name])
 
 
+def names(model: ContactModel) -> list[str]:
+    """Names of the history variables of the contact's laws."""
+    friction = () if model.friction is None else model.friction.law.memory
+    return sorted(model.law.memory) + sorted(friction)
+
+
+def begin_step(model: ContactModel) -> None:
+    """Begin a step with the history variables of laws at the end of the last step."""
+    for part in model.parts:
+        part.state.memory = part.state.memory.begun()
+
+
 def end_step(model: ContactModel) -> None:
     """Update history variables at the end of a step, for the start of the next step. Collective."""
+    if model.law.memory:
+        for gap in model.gaps:
+            gap.commit(model.eps)
     if model.friction is not None:
         model.friction.end_step(model.slips)
-    if model.law.memory:
-        with collective_errors(model.comm):  # the law is the user's
-            for gap in model.gaps:
-                gap.commit(model.eps)
+
+
+def reset(model: ContactModel) -> None:
+    """Set the history variables of laws to their initial values."""
+    for part in model.parts:
+        part.state.memory = part.state.memory.forgotten()
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:
@@ -171,12 +196,31 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
 # --- History variables of single integration sides
 
 
-def _memory(gap: WeightedGap, name: str) -> Array:
-    return gap.memory[name][:, None]
+def _remembering(model: ContactModel) -> list[tuple[str, Part]]:
+    """Parts whose laws have history variables, with unique names."""
+    named: list[tuple[str, Part]] = [(f"law_{j}", gap) for j, gap in enumerate(model.gaps)]
+    named += [(f"friction_{j}", slip) for j, slip in enumerate(model.slips)]
+    return [(name, part) for name, part in named if part.state.memory.first]
 
 
-def _set_memory(gap: WeightedGap, name: str, values: Array) -> None:
-    gap.set_memory(gap.memory | {name: np.array(values[:, 0])})
+def _limits(part: Part) -> dict[str, list[float]]:
+    return dict(part.state.memory.limits)
+
+
+def _set_limits(part: Part, limits: typing.Mapping[str, list[float]]) -> None:
+    part.state.memory = part.state.memory.with_limits(dict(limits))
+
+
+def _memory(part: Part, name: str) -> Array:
+    """Differences from the initial value, which nodes have that no value is transferred to."""
+    memory = part.state.memory
+    return memory.latest[name] - memory.first[name]
+
+
+def _set(part: Part, name: str, values: Array) -> None:
+    memory = part.state.memory
+    new = np.array(values + memory.first[name])
+    part.state.memory = memory.with_values(memory.latest | {name: new})
 
 
 def _slipped(model: ContactModel, j: int) -> Array:

@@ -44,7 +44,7 @@ def pair_anew(model: ContactModel) -> None:
     with model.watch.stage("pairing"):
         if not first:
             update_surfaces(*model.bodies)
-        kept = {} if first else {q.name: q.read() for q in memory.of_nodes(model)}
+        kept = {} if first else {q.name: q.read() for q in memory.of_pairs(model)}
         held = memory.held_nodes(model)
         before = () if first else model.slips
         shares = model.mechanics is not None and model.mechanics.shares_pairs
@@ -54,7 +54,7 @@ def pair_anew(model: ContactModel) -> None:
         model.paired = paired
         _continue_step(model)
         if not first:
-            memory.write(memory.of_nodes(model), kept)
+            memory.write(memory.of_pairs(model), kept)
             multipliers.turn(paired.parts)
             memory.check_held(model, held)
             for old, new in zip(before, paired.slips, strict=True):

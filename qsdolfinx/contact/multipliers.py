@@ -105,10 +105,8 @@ def parts_of_start(gdim: int, columns: Array) -> tuple[Array, Array, Array]:
 
 
 def reset(model: ContactModel) -> None:
-    """Reset multipliers and history variables: the next solve has λ̂ = 0 and the first ε."""
+    """Reset multipliers: the next solve has λ̂ = 0 and the first ε."""
     keep(model)
-    for gap in model.gaps:
-        gap.forget()
     for part in model.parts:
         part.state.augmented = np.zeros_like(part.state.augmented)
         if isinstance(part, Slip):

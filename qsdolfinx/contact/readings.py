@@ -89,17 +89,19 @@ class ContactResults:
         return results.multiplier(self._shown, side)
 
     def memory(self, name: str, side: str = "slave") -> Array:
-        """History variable of the contact law at the nodes of this rank, after the last step.
+        """History variable of the law or friction law at the nodes of this rank, after a step.
 
         Args:
-            name: One of ``law.memory``, see :class:`qs.Law`.
+            name: A name in the ``memory`` of the law or the friction law, see :class:`qs.Law`.
             side: Side of the nodes.
 
         Returns:
-            Values of shape (nodes,).
+            Values of shape (nodes,). With constraints at points, a node at a sharp edge has a value
+            for each smooth patch of the surface; this is their mean. Vertices at sharp edges have
+            history variables of their own, which are not returned here.
 
         Raises:
-            ValueError: If the law has no history variable of that name.
+            ValueError: If neither law has a history variable of that name.
         """
         return results.memory(self._model, name, side)
 

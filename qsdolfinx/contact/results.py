@@ -19,6 +19,7 @@ from qsdolfinx.base.checks import check, check_vector, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import active_set, depth
 from qsdolfinx.contact.bridged import in_contact, like_neighbours
+from qsdolfinx.contact.memory import names
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Place
 from qsdolfinx.friction.slip import Slip
@@ -133,14 +134,16 @@ def multiplier(model: ContactModel, side: str) -> Array:
 
 
 def memory(model: ContactModel, name: str, side: str) -> Array:
-    """History variable of the contact law after the last step, (nodes,).
+    """History variable of the law, or of the friction law, after the last step, (nodes,).
 
     Raises:
-        ValueError: If the law has no history variable of that name.
+        ValueError: If neither law has a history variable of that name.
     """
-    known = sorted(model.law.memory)
-    require(name in model.law.memory, f"name: the law has memory {known}, not {name!r}")
-    return gap_of(model, side).memory[name].copy()
+    known = names(model)
+    require(name in known, f"name: the laws have memory {known}, not {name!r}")
+    gap = gap_of(model, side)
+    part = gap if name in model.law.memory else slip_of(model, side)
+    return gap.rows.means_of_patches(part.state.memory.latest[name])
 
 
 def active(model: ContactModel, side: str) -> Flags:

@@ -9,6 +9,7 @@ from qsdolfinx.friction.laws import (
     Parameter,
     Response,
     Rows,
+    Slid,
     Sticking,
     Tresca,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "Parameter",
     "Response",
     "Rows",
+    "Slid",
     "Sticking",
     "Tresca",
 ]

@@ -213,9 +213,10 @@ class FrictionHistory:
                 ContactWarning,
                 stacklevel=2,
             )
-        for i, slip in enumerate(slips):
-            if slip.state.ended:
-                continue
+        moving = [(i, slip) for i, slip in enumerate(slips) if not slip.state.ended]
+        for _, slip in moving:  # first of all, since the law may raise an error
+            slip.commit()
+        for i, slip in moving:
             self.slipped[i] = self.slip(i, slip)
             self.dissipated += float(slip.dissipation().sum())
             slip.end_step()

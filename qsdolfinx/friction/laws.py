@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import math
+import types
 import typing
 
 import numpy as np
@@ -46,6 +47,8 @@ class Rows(typing.NamedTuple):
             the time share Δt, (rows,).
         pressed: λ at the start of the step; 0 for constraints that were inactive then, (rows,).
         goes_on: Constraints to be evaluated as slipping for any trial, (rows,); None for none.
+        memory: History variables of the law at the start of the step by name, (rows,) each;
+            read-only.
     """
 
     slip: Array
@@ -62,6 +65,22 @@ class Rows(typing.NamedTuple):
     share: Array
     pressed: Array
     goes_on: npt.NDArray[np.bool_] | None = None
+    memory: typing.Mapping[str, Array] = types.MappingProxyType({})
+
+
+class Slid(typing.NamedTuple):
+    """What a step has done at each constraint, for :meth:`Friction.commit`.
+
+    Attributes:
+        slip: Mean slip in the step (length): the part of the relative displacement that dissipates
+            energy, along the surfaces, (rows, gdim). 0 for constraints without contact.
+        traction: τ at the end of the step (stress), (rows, gdim).
+        energy: Energy per area that the step has dissipated, (rows,).
+    """
+
+    slip: Array
+    traction: Array
+    energy: Array
 
 
 class Response(typing.NamedTuple):
@@ -94,6 +113,10 @@ class Friction(abc.ABC):
     ``constraints="points"`` the law is evaluated at each contact quadrature point, see
     ``PointFriction``, and |τ| is at most 3 times the pressure there.
 
+    A law may have history variables, such as the slip so far: ``memory`` names them, and ``commit``
+    returns their values at the end of a step. All methods find the values at the start of the step
+    in ``rows.memory``; they do not change within the step. See the page "A contact law of my own".
+
     The virtual work of contact is Σ S_k (λ_k δḡ_k + τ_k · δg_k), g_k being the tangential part of
     (1/S_k) Σ_p w_p N_k(ξ_p) (Δu_s − Δu_m), Δu the displacement since the step began.
 
@@ -115,6 +138,8 @@ class Friction(abc.ABC):
     needs_dt: bool = False
     #: Whether it needs a slip rate that counts as slow.
     needs_rate: bool = False
+    #: Names of the history variables, and their initial values.
+    memory: typing.Mapping[str, float] = types.MappingProxyType({})
 
     def __init__(self, **parameters: Parameter) -> None:
         self._parameters = {name: _checked(name, value) for name, value in parameters.items()}
@@ -151,6 +176,19 @@ class Friction(abc.ABC):
             response: Its response to them.
         """
         return response.slipping.astype(np.float64)
+
+    def commit(self, rows: Rows, slid: Slid) -> typing.Mapping[str, Array]:
+        """Return the history variables at the end of a step, by name, (rows,).
+
+        It is called once in each step that has succeeded. A step that is made again with a smaller
+        Δt starts from the history variables at the start of the step.
+
+        Args:
+            rows: Input of the law at the end of the step: its pressure, parameters, Δt, and
+                ``memory`` at the start of the step.
+            slid: Slip, traction and dissipated energy of the step.
+        """
+        return rows.memory
 
 
 class Limited(Friction):

@@ -17,10 +17,11 @@ from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
-from qsdolfinx.friction.laws import Friction, Response, Rows
+from qsdolfinx.friction.laws import Friction, Response, Rows, Slid
 from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are_same
 from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
+from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
@@ -131,6 +132,7 @@ class SlipState:
             for others, and before.
         frames: With updated geometry, the frames of the nodes that belong to τ̂, (nodes, gdim,
             gdim); None before the first evaluation.
+        memory: History variables of the law.
     """
 
     jump: Array
@@ -163,6 +165,7 @@ class SlipState:
     of_points: OfPoints | None = None
     of_nodes: Array | None = None
     closing: Array | None = None
+    memory: LawMemory = dataclasses.field(default_factory=LawMemory)
 
     @classmethod
     def at_rest(cls, rows: int, gdim: int, covered: Array, augmented: Array) -> SlipState:
@@ -227,6 +230,7 @@ class Slip:
         num = self.operator.num_rows
         shape = (len(self.covered), gdim * gdim) if gap.rows.are_points else (num, gdim)
         self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
+        self.state.memory = LawMemory.of(friction, gap.rows)
         #: Values of the law's parameters at the constraints.
         self.parameters: dict[str, Array] = {}
         #: Values at the nodes, or numbers, for points that change at each evaluation.
@@ -395,6 +399,7 @@ class Slip:
             state.carried = state.carried + state.shift
         closed = closed | ((state.on_edge > 0) & np.isfinite(state.on_edge))
         state.closed, state.pressure, state.ended = closed, pressure, False
+        state.memory = state.memory.at(self.gap.rows)
         augmented = self.known(elastic)
         rows = Rows(
             self.values,
@@ -410,6 +415,7 @@ class Slip:
             self.parameters,
             state.share,
             np.where(self.is_fresh, 0.0, state.pressed),
+            memory=state.memory.known,
         )
         with collective_errors(self.slave.comm):  # a law may be the user's
             means = not all(in_displacement)
@@ -621,16 +627,18 @@ class Slip:
             means: Whether multipliers are means over the step, as the stresses due to a velocity:
                 during the time in contact they are larger than the means.
         """
-        if not means or np.all(rows.share == 1):
-            return self.friction.respond(rows)
         share, of_vectors = rows.share, rows.share[:, None]
-        response = self.friction.respond(
-            rows._replace(
+        in_whole_step = not means or bool(np.all(share == 1))
+        if not in_whole_step:
+            rows = rows._replace(
                 traction=rows.traction / of_vectors,
                 pressure=rows.pressure / share,
                 penalty=rows.penalty / share,
             )
-        )
+        with named_keys(self.friction, "friction"):
+            response = self.friction.respond(rows)
+        if in_whole_step:
+            return response
         return response._replace(
             traction=response.traction * of_vectors,
             stiffness=response.stiffness * of_vectors[:, None],
@@ -773,9 +781,29 @@ class Slip:
         state = self.state
         if state.evaluated is None:
             return np.zeros_like(state.start), np.zeros_like(state.pressed)
+        slid = self._slid(state.evaluated)
+        return slid.slip, self.weight * slid.energy
+
+    def _slid(self, evaluated: Evaluated) -> Slid:
+        """Slip, traction and dissipated energy per area in this step. Collective."""
         with collective_errors(self.slave.comm):  # a law may be the user's
-            slip, energy = slip_and_energy(self.friction, state.evaluated)
-        return slip / self.cover[:, None], self.weight * energy
+            slip, energy = slip_and_energy(self.friction, evaluated)
+        return Slid(slip / self.cover[:, None], evaluated.response.traction, energy)
+
+    def commit(self) -> None:
+        """Compute the history variables of the law at the end of a step. Collective.
+
+        Raises:
+            ValueError: If a user's law returns anything else.
+        """
+        memory, evaluated = self.state.memory, self.state.evaluated
+        if not memory.first or evaluated is None:
+            return
+        law, slid = self.friction, self._slid(evaluated)
+        with collective_errors(self.slave.comm), named_keys(law, "friction"):
+            found = law.commit(evaluated.rows, slid)
+            found = committed(law, "friction", found, self.operator.num_rows)
+        self.state.memory = memory.after(self.gap.rows, found)
 
     def dissipation(self) -> Array:
         """Dissipated energy of each constraint in this step, shape (rows,). Collective."""

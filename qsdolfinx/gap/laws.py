@@ -36,17 +36,17 @@ class Law(abc.ABC):
     """Base class of contact laws: convex energy φ of the weighted gap, Φ = Σ S_k φ(ḡ_k).
 
     The multiplier is λ_k = φ'(ḡ_k). A law may have history variables: ``memory`` names the
-    variables, one number of each name at each slave node. :meth:`energy`, :meth:`multiplier`,
-    :meth:`slope` and :meth:`commit` receive their values at the start of the step as keyword
-    arguments of these names, arrays of shape (rows,). "Rows" in shapes is the number of
-    constraints. See the page "A contact law of my own".
+    variables, functions on the slave's surface with a number for each of its nodes. :meth:`energy`,
+    :meth:`multiplier`, :meth:`slope` and :meth:`commit` receive their values at the start of the
+    step as keyword arguments of these names, arrays of shape (rows,). "Rows" in shapes is the
+    number of constraints. See the page "A contact law of my own".
     """
 
     #: Whether the law acts on the whole relative displacement (True) or on the normal gap (False).
     jump: bool
     #: Whether λ is linear in the gap: contact then adds a constant matrix.
     linear: bool
-    #: Names of the history variables of each slave node, and their initial values.
+    #: Names of the history variables, and their initial values.
     memory: typing.Mapping[str, float] = {}
 
     @abc.abstractmethod

@@ -85,6 +85,31 @@ class Rows(abc.ABC):
         """Result of :meth:`largest_on_nodes`, perhaps of other constraints, at the constraints."""
         return self.from_nodes(values)
 
+    # --- History variables: functions with a value for each patch of a node, (nodes, patches)
+
+    @property
+    @abc.abstractmethod
+    def num_patches(self) -> int:
+        """Number of values of a node, see :class:`LawMemory`. Not collective."""
+
+    @abc.abstractmethod
+    def from_patches(self, values: Array) -> Array:
+        """Values of a function of the patches of owned nodes at the constraints, (rows,)."""
+
+    @abc.abstractmethod
+    def advanced(self, before: Array, old: Array, new: Array) -> Array:
+        """Function of the patches after its values at the constraints have changed.
+
+        Args:
+            before: The function, (nodes, patches).
+            old: Its values at the constraints, (rows,).
+            new: The values that they have changed to, (rows,).
+        """
+
+    @abc.abstractmethod
+    def means_of_patches(self, values: Array) -> Array:
+        """Mean over the patches of each owned node, (nodes,)."""
+
     @abc.abstractmethod
     def areas(self, now: Array, paired: Array) -> Array:
         """Area of the slave of each constraint, shape (rows,).
@@ -221,6 +246,23 @@ class NodeRows(Rows):
         own = at_rows[np.arange(len(at_rows)), self._side]
         turned = ~self.in_corner & ~np.any(own, axis=1)
         return np.where(turned[:, None], at_rows.sum(axis=1), own)
+
+    @property
+    def num_patches(self) -> int:
+        """One, for the node."""
+        return 1
+
+    def from_patches(self, values: Array) -> Array:
+        """The values themselves."""
+        return self.from_nodes(values[:, 0])
+
+    def advanced(self, before: Array, old: Array, new: Array) -> Array:
+        """The new values; in corners the mean change."""
+        return np.asarray(before + self.on_nodes(new - old, 0.0).astype(np.float64)[:, None])
+
+    def means_of_patches(self, values: Array) -> Array:
+        """The values themselves."""
+        return np.array(values[:, 0])
 
 
 class PointRows(Rows):
@@ -364,6 +406,34 @@ class PointRows(Rows):
                 p = z + rz / before * p
             found.append(full(x))
         return np.stack(found, axis=2).reshape(len(cover), self.slave.block * len(found))
+
+    # --- History variables
+
+    @property
+    def num_patches(self) -> int:
+        """Largest number of smooth patches of a node."""
+        return self.slave.block
+
+    def from_patches(self, values: Array) -> Array:
+        """Values of Σ_k N_k v_k at the points."""
+        return self.from_sides(values)
+
+    def advanced(self, before: Array, old: Array, new: Array) -> Array:
+        """The function with the projected change.
+
+        Columns without a patch get the mean change of the patches of their node, so that transfer
+        to another mesh, whose nodes have other patches, finds a value there.
+        """
+        change = self.projected((new - old)[:, None])
+        mean = self.means_of_patches(change)[:, None]
+        return np.asarray(before + np.where(self.area_of_sides > 0, change, mean))
+
+    def means_of_patches(self, values: Array) -> Array:
+        """Means with the areas of the patches."""
+        area = self.area_of_sides
+        whole = area.sum(axis=1)
+        sums = np.sum(area * values, axis=1)
+        return np.divide(sums, whole, out=values.mean(axis=1), where=whole > 0)
 
     def extended(self, held: Extension | None) -> Extension | None:
         """Extension of redundant multipliers and of hardly covered multipliers. Collective.

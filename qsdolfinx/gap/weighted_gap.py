@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
+from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import (
@@ -25,6 +26,7 @@ from qsdolfinx.gap.following import (
     Places,
     SlipAtPoints,
 )
+from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
@@ -74,9 +76,7 @@ class GapState:
         conductance: h of the constraints for a conductance law; None for other laws.
         closed: With constraints at points, the part in contact of the covered area of each patch of
             an owned node at the last solution, (nodes, gdim); None before any.
-        memory: History variables of the law at the owned nodes at the start of the step, by name,
-            (nodes,).
-        committed: History variables at the end of the last step, until the next step begins.
+        memory: History variables of the law.
     """
 
     values: Array
@@ -92,8 +92,7 @@ class GapState:
     vertices: Array | None = None
     conductance: Array | None = None
     closed: Array | None = None
-    memory: dict[str, Array] = dataclasses.field(default_factory=dict)
-    committed: dict[str, Array] | None = None
+    memory: LawMemory = dataclasses.field(default_factory=LawMemory)
 
 
 class WeightedGap:
@@ -187,7 +186,7 @@ class WeightedGap:
         values = zero - self._own.initial_gap[:, None]
         self.state = GapState(values, multipliers, zero, zero, allowance)
         self.state.base, self.state.vertices = base, vertices
-        self.forget()
+        self.state.memory = LawMemory.of(law, self.rows)
         #: Motion of tied surfaces since the tie was made; None for other laws.
         self.tie = Tie(slave, master) if law.jump and not slave.is_scalar else None
         if turns and self.tie is not None:
@@ -321,6 +320,7 @@ class WeightedGap:
         if self.condensed is not None:
             state.values = np.where(self.condensed, 0.0, state.values)
         self._augmented_at_rows()
+        state.memory = state.memory.at(self.rows)
 
     # --- Co-rotated gaps
 
@@ -380,6 +380,7 @@ class WeightedGap:
         places = self.following.places(state.base, u, state.scale)
         self.show(self.following.cut(places, state.vertices))
         state.values = -(self._own.initial_gap + self.allowance)[:, None]
+        state.memory = state.memory.at(self.rows)
 
     @property
     def allowance(self) -> Array:
@@ -578,21 +579,12 @@ class WeightedGap:
     def multiplier(self, penalty: float) -> Array:
         """λ at the last evaluation, shape (rows, 1) or (rows, gdim). Collective."""
         eps = penalty * self.relative_penalty
-        gap = self._shifted(eps)
-        found = np.asarray(self.law.multiplier(gap, eps, **self._memory_at_rows()))
-        text = f"law: multiplier must return an array of the gap's shape {gap.shape}"
-        require(found.shape == gap.shape, f"{text}, not {found.shape}")
-        return found
+        return self.multiplier_of(self._shifted(eps), eps)
 
     def slope(self, penalty: float, touching: float) -> Array:
         """∂λ/∂ḡ at the last evaluation, shape (rows,). Collective."""
         eps = penalty * self.relative_penalty
-        found = np.asarray(
-            self.law.slope(self._shifted(eps), eps, touching, **self._memory_at_rows())
-        )
-        text = f"law: slope must return an array of shape ({self.num_rows},)"
-        require(found.shape == (self.num_rows,), f"{text}, not {found.shape}")
-        return found
+        return self.slope_of(self._shifted(eps), eps, touching)
 
     def energy(self, penalty: float, part: float = 1.0) -> float:
         """This rank's part of the energy at the last evaluation. Collective.
@@ -602,7 +594,8 @@ class WeightedGap:
             part: a, the factor of the multipliers at the constraints, see ``PointConstraints``.
         """
         eps = penalty * self.relative_penalty
-        density = self.law.energy(self._shifted(eps), eps, **self._memory_at_rows())
+        with named_keys(self.law, "law"):
+            density = self.law.energy(self._shifted(eps), eps, **self.state.memory.known)
         if self.state.conductance is not None:
             return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
@@ -624,35 +617,34 @@ class WeightedGap:
             self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
         return self._at_rows[1]
 
-    # --- History variables of the law
+    # --- The law, with its history variables
 
-    @property
-    def memory(self) -> dict[str, Array]:
-        """History variables of the law at owned nodes after the last step, by name, (nodes,)."""
-        committed = self.state.committed
-        return self.state.memory if committed is None else committed
+    def multiplier_of(self, gap: Array, eps: Array) -> Array:
+        """λ of the law for these gaps (stress), of the shape of the gaps.
 
-    def set_memory(self, memory: dict[str, Array]) -> None:
-        """Restore values of :attr:`memory`."""
-        self.state.memory, self.state.committed = memory, None
+        Raises:
+            ValueError: If a user's law returns anything else.
+        """
+        with named_keys(self.law, "law"):
+            found = np.asarray(self.law.multiplier(gap, eps, **self.state.memory.known))
+        text = f"law: multiplier must return an array of the gap's shape {gap.shape}"
+        require(found.shape == gap.shape, f"{text}, not {found.shape}")
+        return found
 
-    def forget(self) -> None:
-        """Set the history variables of the law to their initial values."""
-        count, first = len(self.slave.node_area), self.law.memory
-        self.set_memory({name: np.full(count, float(first[name])) for name in first})
+    def slope_of(self, gap: Array, eps: Array, touching: float) -> Array:
+        """∂λ/∂ḡ of the law for these gaps (stress per length), (rows,).
 
-    def _memory_at_rows(self) -> dict[str, Array]:
-        out = {name: self.rows.from_nodes(values) for name, values in self.state.memory.items()}
-        for values in out.values():
-            values.flags.writeable = False  # a user's law has to return new arrays
-        return out
-
-    def begin_step(self) -> None:
-        """Start a step with the history variables at the end of the last step."""
-        self.set_memory(self.memory)
+        Raises:
+            ValueError: If a user's law returns anything else.
+        """
+        with named_keys(self.law, "law"):
+            found = np.asarray(self.law.slope(gap, eps, touching, **self.state.memory.known))
+        text = f"law: slope must return an array of shape ({self.num_rows},)"
+        require(found.shape == (self.num_rows,), f"{text}, not {found.shape}")
+        return found
 
     def commit(self, penalty: float) -> None:
-        """Compute the history variables of the law at the last evaluation.
+        """Compute the history variables of the law at the end of a step. Collective.
 
         Args:
             penalty: ε, stress per length.
@@ -660,22 +652,15 @@ class WeightedGap:
         Raises:
             ValueError: If a user's law returns anything else.
         """
-        if not self.law.memory:
+        memory = self.state.memory
+        if not memory.first:
             return
-        eps, before = penalty * self.relative_penalty, self._memory_at_rows()
-        found = self.law.commit(self._shifted(eps), eps, **before)
-        names = sorted(found)
-        fits = names == sorted(self.law.memory)
-        require(fits, f"law: commit must return {sorted(self.law.memory)}, not {names}")
-        committed = {}
-        for name, values in found.items():
-            values = np.asarray(values, dtype=np.float64)
-            fits = values.shape == (self.num_rows,) and bool(np.isfinite(values).all())
-            require(fits, f"law: commit must return finite {name!r} for each constraint")
-            kept = self.state.memory[name]
-            change = self.rows.on_nodes(values - before[name], 0.0).astype(np.float64)
-            committed[name] = kept + change
-        self.state.committed = committed
+        eps = penalty * self.relative_penalty
+        gap = self._shifted(eps)
+        with collective_errors(self.slave.comm), named_keys(self.law, "law"):
+            found = self.law.commit(gap, eps, **memory.known)
+            found = committed(self.law, "law", found, self.num_rows)
+        self.state.memory = memory.after(self.rows, found)
 
     # --- λ̂ at all owned nodes, unchanged by an update of the contact pairs
 

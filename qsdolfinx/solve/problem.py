@@ -25,7 +25,7 @@ from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
-from qsdolfinx.contact.memory import end_step
+from qsdolfinx.contact.memory import begin_step, end_step
 from qsdolfinx.contact.shown import copy_of
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
@@ -447,6 +447,7 @@ class ContactProblem:
 
     def _set_up(self) -> None:
         for contact in self.system.contacts:
+            begin_step(contact)
             motion.catch_up(contact)
         for body in self.bodies:
             body.begin_solve()
@@ -531,8 +532,6 @@ class ContactProblem:
     def _solve(self) -> None:
         self._claim_contacts()
         shown = [copy_of(contact) for contact in self.system.contacts]
-        for gap in self.system.gaps:
-            gap.begin_step()
         for contact in self.system.contacts:
             motion.catch_up(contact)
         state = [body.u.x.array.copy() for body in self.bodies]

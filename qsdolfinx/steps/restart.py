@@ -58,7 +58,7 @@ def save_run(
     models = [contact.model for contact in stepper.problem.contacts]
     state["contacts"] = [{q.name: q.read() for q in memory.of_contact(m)} for m in models]
     state["kinds"] = [_kind(model) for model in models]
-    state["laws"] = [sorted(model.law.memory) for model in models]
+    state["laws"] = [memory.names(model) for model in models]
     state["log"] = stepper.log.stored()
     state["user"] = dict(values or {})
     state["num_temperatures"] = _num_temperatures(stepper)
@@ -130,7 +130,7 @@ def load_run(
     for i, (saved, model) in enumerate(zip(values["kinds"], models, strict=True)):
         text = f"{saved} in the checkpoint {folder}, not {_kind(model)}"
         require(saved == _kind(model), f"stepper: {model.called(i)} is {text}")
-    laws = [sorted(model.law.memory) for model in models]
+    laws = [memory.names(model) for model in models]
     text = f"stepper: the laws of the checkpoint {folder} remember {values['laws']}, not {laws}"
     require(values["laws"] == laws, text)
     temperatures = values.get("num_temperatures", 0)

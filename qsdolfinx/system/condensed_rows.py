@@ -290,8 +290,11 @@ class PointConstraints(CondensedRows):
         if not self._is_unilateral:
             shifted = np.asarray(trial / self.gamma, dtype=np.float64)
             with collective_errors(self.model.comm):  # the law is user code
-                pressure = self.gap.law.multiplier(shifted, self._penalty)
-            active = self._slope(trial) > 0
+                pressure = self.gap.multiplier_of(shifted, self._penalty)
+                slope = self._slope(trial)
+                if self.gap.law.memory:
+                    _check_slope(slope, pressure)
+            active = slope > 0
         elif first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
             active = self._kept_closed(active, trial[:, 0])
@@ -301,11 +304,9 @@ class PointConstraints(CondensedRows):
         return Normal(multiplier, gap, trial, pressure, active, pressure)
 
     def _slope(self, trial: Array) -> Array:
-        """Slope φ'' of the user's law (stress per length), (points,). Collective."""
+        """Slope φ'' of the user's law (stress per length), (points,)."""
         shifted = np.asarray(trial / self.gamma, dtype=np.float64)
-        with collective_errors(self.model.comm):
-            touching = self.model.paired.touching
-            return self.gap.law.slope(shifted, self._penalty, touching)
+        return self.gap.slope_of(shifted, self._penalty, self.model.paired.touching)
 
     def _kept_closed(self, active: Flags, trial: Array) -> Flags:
         """Add points of nodes that were mostly active, and at least one point of each active node.
@@ -360,7 +361,9 @@ class PointConstraints(CondensedRows):
     def stiffness(self, at: Normal) -> Array:
         """Stiffness γ at active points. Collective."""
         if not self._is_unilateral:
-            return np.asarray(np.where(at.active, self._slope(at.trial), 0.0)[:, None])
+            with collective_errors(self.model.comm):  # the law is user code
+                slope = self._slope(at.trial)
+            return np.asarray(np.where(at.active, slope, 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
     def add_curvature(self, at: Normal, to: Destination) -> None:

@@ -227,6 +227,7 @@ class PointFriction:
             slip.parameters,
             state.share,
             np.where(slip.is_fresh, 0.0, state.pressed),
+            memory=state.memory.known,
         )
 
     def residual(self, at: Tangential) -> Array:

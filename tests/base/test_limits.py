@@ -8,7 +8,9 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 from base.malformed_scene import Scene
+from contact.bond import Bond
 from curved_scenes import Shell, ShrinkFit
+from friction.weakening import Weakening
 from rigid_scenes import write_stl
 from scenes import (
     WORLD,
@@ -53,6 +55,17 @@ def prisms():
     corners = [[0.0] * 3, [1.0] * 3]
     msh = mesh.create_box(WORLD, corners, [2, 2, 2], mesh.CellType.prism)
     qs.Surface(vector_space(msh), facets=np.zeros(0, dtype=np.int32))
+
+
+def bonded(s, **options):
+    options = {"law": Bond(0.5, 0.2), "penalty": 10.0} | options
+    qs.Contact(s.pair.slave, s.pair.master, **options)
+
+
+def weakening_by_damage():
+    law = Weakening(0.5, 0.2, 0.1)
+    law.memory = {"damage": 0.0}
+    return law
 
 
 def jumps_of_a_mini_body():
@@ -380,6 +393,15 @@ CASES = {
     ),
     "the Function must be on the mesh of the slave": lambda s, folder: qs.Contact(
         s.pair.slave, s.pair.master, friction=qs.Coulomb(s.on_other_mesh)
+    ),
+    'enforcement: a law that remembers uses gap and ε only; use "penalty"': (
+        lambda s, folder: bonded(s, enforcement="augmented-lagrangian")
+    ),
+    "penalty: a law that remembers needs a number, as ε is a part of it": (
+        lambda s, folder: bonded(s, penalty="auto")
+    ),
+    "friction: its memory and that of the law need other names": (
+        lambda s, folder: bonded(s, friction=weakening_by_damage())
     ),
     # Solvers and materials
     "SNES did not converge: DIVERGED_": lambda s, folder: pulled_off(),

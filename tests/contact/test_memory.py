@@ -6,16 +6,28 @@ import numpy as np
 import pytest
 from contact.bond import Bond
 from rigid_scenes import Pressed, flat
-from scenes import WORLD, Pair, largest, raises_everywhere
+from scenes import WORLD, Pair, box, elastic, largest, plane, raises_everywhere, vector_space
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 from qsdolfinx.contact import memory
+from qsdolfinx.gap.law_memory import LawMemory
 from qsdolfinx.remeshing.contact_values import ContactValues
 
 STRENGTH, OPENING, EPS = 0.5, 0.2, 10.0
 
 #: Displacements of the tool: to strength, softening, back, again and further, broken, pressed.
 WAYS = 0.04, 0.1, 0.15, 0.06, 0.15, 0.2, 0.3, -0.05
+
+
+#: Where the law is evaluated. With finite sliding, areas are those of the deformed block.
+AT = {
+    "nodal": {"quadrature": "nodal"},
+    "nodes": {"constraints": "nodes"},
+    "points": {"constraints": "points"},
+    "finite": {"sliding": "finite", "nu": 0.0},
+}
 
 
 def bonded(cell="triangle", n=3, **options):
@@ -46,11 +58,11 @@ def in_closed_form(modulus):
     return out
 
 
-@pytest.mark.parametrize("quadrature", ("nodal", "overlay"))
+@pytest.mark.parametrize("at", AT)
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
-def test_bond_that_breaks(cell, quadrature):
+def test_bond_that_breaks(cell, at):
     """Uniform tension as the tool moves up and down agrees with the closed form."""
-    scene = bonded(cell, 2 if cell == "hexahedron" else 3, quadrature=quadrature)
+    scene = bonded(cell, 2 if cell == "hexahedron" else 3, **AT[at])
     found, damage = [], []
     for way in WAYS:
         scene.tool.displacement[-1] = way
@@ -81,10 +93,11 @@ def state(scene):
     return [*scene.contact.force("master"), damage]
 
 
-def test_restart(tmp_path):
+@pytest.mark.parametrize("at", AT)
+def test_restart(tmp_path, at):
     """A run that is resumed from a checkpoint continues as if uninterrupted."""
     folder = WORLD.bcast(tmp_path) / "run"
-    whole, first, second = bonded(), bonded(), bonded()
+    whole, first, second = (bonded(**AT[at]) for _ in range(3))
     steppers = [stepper_of(scene) for scene in (whole, first, second)]
     for _ in range(3):
         steppers[0].step()
@@ -152,9 +165,10 @@ def test_checkpoint_of_another_kind_of_contact(tmp_path):
         )
 
 
-def test_step_that_is_made_again():
+@pytest.mark.parametrize("at", AT)
+def test_step_that_is_made_again(at):
     """A failed attempt at a step leaves no damage behind."""
-    scene, other, tried = bonded(), bonded(), []
+    scene, other, tried = bonded(**AT[at]), bonded(**AT[at]), []
 
     def solve(step):
         scene.problem.solve()
@@ -187,12 +201,14 @@ def test_solve_that_fails():
     np.testing.assert_array_equal(scene.contact.memory("damage"), before)
 
 
-def test_another_mesh():
+@pytest.mark.parametrize("at", ("nodes", "points"))
+def test_another_mesh(at):
     """Transfer to another mesh keeps the integral of the damage."""
-    old, new = bonded(n=4), bonded(n=5)
-    gap = old.contact.model.gaps[0]
+    old, new = bonded(n=4, **AT[at]), bonded(n=5, **AT[at])
+    state = old.contact.model.gaps[0].state
     x = old.surface.linear.node_x[:, 0]
-    gap.set_memory({"damage": 0.2 + 0.5 * x})
+    damage = np.repeat(0.2 + 0.5 * x[:, None], 1 if at == "nodes" else 2, axis=1)
+    state.memory = state.memory.with_values({"damage": damage})
     ContactValues.of(old.contact.model).hand_over(new.contact.model)
     found = new.contact.memory("damage")
     totals = [
@@ -203,9 +219,10 @@ def test_another_mesh():
     assert largest(found - 0.2 - 0.5 * new.surface.linear.node_x[:, 0]) < 0.06
 
 
-def test_pairing_anew():
+@pytest.mark.parametrize("at", AT)
+def test_pairing_anew(at):
     """Nodes keep their history variables when the contact pairs are updated."""
-    scene = bonded()
+    scene = bonded(**AT[at])
     for scene.tool.displacement[-1] in WAYS[:3]:
         scene.problem.solve()
     before = scene.contact.memory("damage")
@@ -215,12 +232,113 @@ def test_pairing_anew():
     assert names == ["multiplier_0", "law_0_damage"]
 
 
+def at_points(n=5):
+    """Return a bonded scene, the constraints at its points, and their positions along the face."""
+    scene = bonded(n=n, **AT["points"])
+    rows = scene.contact.model.gaps[0].rows
+    return scene, rows, rows.from_nodes(scene.surface.linear.node_x[:, 0])
+
+
+def test_what_points_keep():
+    """At points, linear changes are exact, nothing is smoothed at rest, and integrals are kept."""
+    scene, rows, x = at_points()
+    of_nodes, area = scene.surface.linear.node_x[:, :1], rows.operator.row_area
+    before = (0.5 + of_nodes**2) * np.ones(2)
+    old = rows.from_patches(before)
+    assert largest(rows.advanced(before, old, old) - before) < 1e-15
+    found = rows.advanced(before, old, old + 0.2 + 0.3 * x)
+    assert largest(found - before - 0.2 - 0.3 * of_nodes) < 1e-10
+    found = rows.advanced(before, old, old + 0.1 * np.sin(20 * x))
+    change = [area @ (rows.from_patches(found) - old), area @ (0.1 * np.sin(20 * x))]
+    change = WORLD.allreduce(np.array(change))
+    assert change[0] == pytest.approx(change[1], abs=1e-12)
+
+
+def test_steep_front_at_points():
+    """Beside a steep front, a law gets no values beyond those that it has returned."""
+    _, rows, x = at_points()
+    memory = LawMemory.of(Bond(STRENGTH, OPENING), rows)
+    front = {"damage": np.where(x < 0.43, 1.0, 0.0)}
+    memory = memory.after(rows, front).begun().at(rows)
+    assert memory.limits == {"damage": [0.0, 1.0]}
+    found, seen = rows.from_patches(memory.start["damage"]), memory.known["damage"]
+    assert largest(np.clip(found, 0.0, 1.0) - found) > 0.02
+    assert largest(np.clip(seen, 0.0, 1.0) - seen) == 0
+    assert largest(np.where(x < 0.2, seen - 1, 0.0)) < 0.3
+
+
+class Peeled:
+    """A strip that is bonded to a plate and lifted at one end: the damage has a front."""
+
+    def __init__(self, **options):
+        msh = box(WORLD, (16, 4), "triangle", [0.0, 0.0], [4.0, 1.0])
+        V = vector_space(msh)
+        u, self.end = fem.Function(V), fem.Constant(msh, np.zeros(2))
+        dofs = fem.locate_dofs_topological(V, 1, plane(msh, 0, 4.0))
+        plate = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
+        surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+        options |= {"law": Bond(STRENGTH, OPENING), "penalty": 20.0, "search_radius": 1.0}
+        self.contact = qs.Contact(surface, plate, **options)
+        bc = fem.dirichletbc(self.end, dofs, V)
+        self.problem = qs.ContactProblem([elastic(u, 20.0)], [u], [self.contact], [[bc]])
+
+    def pull(self):
+        """Return the force after each step."""
+        forces = []
+        for self.end.value[1] in np.linspace(0.05, 0.4, 8):
+            self.problem.solve()
+            forces.append(-self.contact.force("slave")[1])
+        return np.array(forces)
+
+
+def test_front_of_damage():
+    """With a front of damage, constraints at points agree with those at nodes."""
+    scenes = [Peeled(**AT[at], sliding="small") for at in ("nodes", "points")]
+    forces, points = (scene.pull() for scene in scenes)
+    np.testing.assert_allclose(points, forces, rtol=0.02)
+    damage = scenes[1].contact.memory("damage")
+    assert forces.max() > 1.5 * forces[-1] and largest(np.clip(damage, 0, 1) - damage) < 0.05
+    assert WORLD.allreduce(damage.max(initial=0.0), max) == pytest.approx(1.0, abs=0.05)
+
+
+class Glue(qs.Law):
+    """A bond in all directions, whose stiffness falls with the largest displacement so far."""
+
+    jump, linear = True, False
+    memory = {"most": 0.0}  # noqa: RUF012
+
+    def commit(self, gap, penalty, most):
+        return {"most": np.maximum(most, np.linalg.norm(gap, axis=1))}
+
+    def slope(self, gap, penalty, touching, most):
+        return penalty / (1 + self.commit(gap, penalty, most)["most"] / 0.1)
+
+    def multiplier(self, gap, penalty, most):
+        return self.slope(gap, penalty, 0.0, most)[:, None] * gap
+
+    def energy(self, gap, penalty, most):
+        return 0.5 * self.slope(gap, penalty, 0.0, most) * np.sum(gap**2, axis=1)
+
+
+@pytest.mark.parametrize("sliding", ("small", "finite"))
+def test_law_of_the_relative_displacement(sliding):
+    """A law of all components remembers, also with finite sliding, and damages both directions."""
+    scene = bonded(law=Glue(), sliding=sliding, nu=0.0)
+    way, most = np.array([0.0, 0.05, 0.15, 0.08]), 0.0
+    for i in way:
+        scene.tool.displacement = [0.0, i]
+        scene.problem.solve()
+        force = -scene.contact.force("master")[-1]
+        gap = i - force / scene.modulus
+        most = max(most, gap)
+        assert force == pytest.approx(EPS / (1 + most / 0.1) * gap, abs=1e-9)
+    assert largest(scene.contact.memory("most") - most) < 1e-9
+
+
 @pytest.mark.parametrize(
     "law, options, match",
     (
         (Bond, {"enforcement": "augmented-lagrangian"}, "enforcement: a law that remembers"),
-        (Bond, {"constraints": "points"}, "constraints: a law that remembers"),
-        (Bond, {"sliding": "finite"}, "sliding: a law that remembers"),
         (Bond, {"penalty": "auto"}, "penalty: a law that remembers needs a number"),
     ),
 )
@@ -246,6 +364,16 @@ class Other(Bond):
 
     def slope(self, gap, penalty, touching, damage):
         return penalty
+
+
+class Misnamed(Bond):
+    def commit(self, gap, penalty, damage):
+        return {"wear": damage}
+
+
+class Lists(Other):
+    def commit(self, gap, penalty, damage):
+        return damage
 
 
 class Tangent(Other):
@@ -276,7 +404,12 @@ class Named(Bond):
         (Forgets, "law: a law that remembers needs commit"),
         (Named, "law: memory must have a name"),
         (InPlace, "read-only"),
-        (Other, "law: commit must return"),
+        (Other, "law: Other.commit must return a dict of its memory, ['damage'], not ['wear']"),
+        (
+            Misnamed,
+            "law: Misnamed has asked for 'damage'; its memory is ['damage'], and its commit",
+        ),
+        (Lists, "law: Lists.commit must return a dict of its memory, ['damage'], not ndarray"),
         (Tangent, "law: slope must be positive"),
         (Flat, "law: multiplier must return an array of the gap's shape ("),
         (Deep, "law: slope must return an array of shape ("),

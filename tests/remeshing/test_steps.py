@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from friction.weakening import Weakening
 from remeshing_scenes import Upset, tagged
 from scenes import WORLD, box, elastic, plane, slide, vector_space
 
@@ -76,6 +77,25 @@ def test_friction_goes_on_where_it_was():
     found = [np.linalg.norm(c.slip(), axis=1).max(initial=0.0) for c in case.contacts]
     assert np.allclose([max(WORLD.allgather(s)) for s in found], slip, rtol=0.1)
     assert report.force_jump < 5e-3 and report.why == "asked for"
+
+
+def test_history_of_a_friction_law_goes_on():
+    """A new mesh keeps the history variables of a friction law, and its friction."""
+    law = lambda: Weakening(0.2, 0.05, 1.0)  # noqa: E731
+    alone = Upset(2, 1.25, law, num_steps=6)
+    case = Upset(2, 1.25, law, num_steps=6, remesh={"every": 3})
+    forces = [alone.run(), case.run()]
+    assert np.allclose(*forces, rtol=5e-3)
+
+    def total(scene):
+        contact = scene.contacts[1]
+        contact.slave.linear.update()  # areas at the end of the step
+        return WORLD.allreduce(contact.memory("way") @ contact.slave.linear.node_area)
+
+    before = total(case)
+    assert before == pytest.approx(total(alone), rel=0.02) and before > 0
+    case.stepper.remesh()
+    assert total(case) == pytest.approx(before, rel=1e-3)
 
 
 def test_criteria():
