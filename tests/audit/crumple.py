@@ -56,7 +56,7 @@ E = 100.0
 NO_FORCE = 1e-6
 
 #: The same, over the largest force at the other nodes of its facets: forces at a corner turn the
-#: facets around the nodes beside it, and a point near one end of a facet acts on the other end, too.
+#: facets around the nodes beside it, and a point near one end of a facet acts on the other, too.
 LITTLE = 1e-3
 
 #: Allowed depth and distance over the size of facets, and the addition where facets are rotated.
