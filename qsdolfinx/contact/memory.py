@@ -111,7 +111,7 @@ def of_contact(model: ContactModel) -> list[OfContact]:
     out.append(OfContact("stiffness", stiffness, set_stiffness, True))
     for of_part, part in _remembering(model):
         both = functools.partial(_limits, part), functools.partial(_set_limits, part)
-        out.append(OfContact(f"{of_part}_limits", *both, of_pairs=True))
+        out.append(OfContact(f"limits_of_{of_part}", *both, of_pairs=True))
     friction = model.friction
     if friction is None:
         return out

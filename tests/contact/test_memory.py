@@ -2,6 +2,8 @@
 
 import warnings
 
+from petsc4py import PETSc
+
 import numpy as np
 import pytest
 from contact.bond import Bond
@@ -254,13 +256,14 @@ def test_what_points_keep():
     assert change[0] == pytest.approx(change[1], abs=1e-12)
 
 
+@pytest.mark.parallel
 def test_steep_front_at_points():
     """Beside a steep front, a law gets no values beyond those that it has returned."""
     _, rows, x = at_points()
     memory = LawMemory.of(Bond(STRENGTH, OPENING), rows)
     front = {"damage": np.where(x < 0.43, 1.0, 0.0)}
     memory = memory.after(rows, front).begun().at(rows)
-    assert memory.limits == {"damage": [0.0, 1.0]}
+    assert memory.limits == {"damage": [0.0, 1.0]}  # on all ranks, also where it is 0 or 1 alone
     found, seen = rows.from_patches(memory.start["damage"]), memory.known["damage"]
     assert largest(np.clip(found, 0.0, 1.0) - found) > 0.02
     assert largest(np.clip(seen, 0.0, 1.0) - seen) == 0
@@ -452,3 +455,30 @@ def test_bond_beyond_the_search_radius():
         lost = scene.contact.force("slave")[-1] == 0
         assert found[-1] == lost
     assert found == [True, False]
+
+
+def test_own_solver():
+    """Steps that a solver of one's own accepts change history variables as those of solve do."""
+    scene, other = bonded(**AT["points"]), bonded(**AT["points"])
+    for way in WAYS[:4]:
+        scene.tool.displacement[-1] = other.tool.displacement[-1] = way
+        other.problem.solve()
+        equations = scene.problem.equations()
+        z = equations.first()
+        for _ in range(60):
+            residual = equations.residual(z)
+            if np.sqrt(WORLD.allreduce(residual @ residual)) < 1e-12:
+                break
+            b = PETSc.Vec().createWithArray(-residual, comm=WORLD)
+            change, ksp = b.duplicate(), PETSc.KSP().create(WORLD)
+            ksp.setOperators(equations.tangent(z))
+            ksp.setType("preonly")
+            ksp.getPC().setType("lu")
+            ksp.getPC().setFactorSolverType("mumps")
+            ksp.solve(b, change)
+            z = z + change.array_r
+            for thing in (b, change, ksp):
+                thing.destroy()
+        equations.accept(z)
+        np.testing.assert_allclose(state(scene), state(other), atol=1e-9)
+    assert state(scene)[-1] > 0.3
