@@ -32,11 +32,11 @@ class Fault(typing.NamedTuple):
 FAULTS = [
     # --- Blocks added to the matrix, checkpoints
     Fault(
-        "motions of other pieces",
-        "cpp/tangent/curvature.cpp",
-        "motions.subspan(3 * insertion.size() * first)",
-        "motions.subspan(0)",
-        "all segments take the motion of the points of the first one",
+        "motion with one corner",
+        "cpp/sliding/motion.cpp",
+        "double* to = &of_corners_[(corner[b] * dim_ + d) * n_];",
+        "double* to = &of_corners_[(corner[0] * dim_ + d) * n_];",
+        "finite sliding: all corners of a point's triangle move as the first one",
         ("tests/sliding/test_tangent.py",),
     ),
     Fault(
@@ -145,8 +145,8 @@ FAULTS = [
     Fault(
         "weights of multipliers' rows",
         "cpp/gap/point_rows.cpp",
-        "sum[k * size + c] += force * N[k] * motion[2 * size + c];",
-        "sum[k * size + c] -= force * N[k] * motion[2 * size + c];",
+        "+ N[k] * grows[c]);",
+        "- N[k] * grows[c]);",
         "finite sliding: sign in the tangent of the multiplier constraints where areas change",
         ("tests/sliding/test_tangent.py::test_derivative",),
     ),
@@ -419,16 +419,16 @@ FAULTS = [
     Fault(
         "crossings of edges",
         "cpp/sliding/motion.cpp",
-        "append(cut.q[a] + s * t, out);",
-        "append(cut.q[b] + s * t, out);",
+        "append(cut.q[a] + s * t, out[0], out[1]);",
+        "append(cut.q[b] + s * t, out[0], out[1]);",
         "finite sliding: positions of segment corners for their motion",
         ("tests/sliding/test_tangent.py::test_derivative",),
     ),
     Fault(
         "rings that grow",
         "cpp/sliding/motion.cpp",
-        "at[0] += N[i] / r;",
-        "at[0] -= N[i] / r;",
+        "row[3 * i] += N[i] / r;",
+        "row[3 * i] -= N[i] / r;",
         "finite sliding, axisymmetric: growth of areas with the radius",
         ("tests/sliding/test_tangent.py::test_rings",),
     ),
@@ -540,11 +540,11 @@ FAULTS = [
         ),
     ),
     Fault(
-        "second batch of entries",
+        "sums of other rows",
         "cpp/tangent/row_sums.cpp",
-        "  parts_.clear();\n",
+        "      sums[c] = 0;\n",
         "",
-        "tangents with more than 2 MiB of entries: rows of an earlier batch are inserted again",
+        "sums of a row begin with those of the rows before",
         ("tests/sliding/test_tangent.py",),
     ),
     Fault(

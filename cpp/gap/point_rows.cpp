@@ -262,8 +262,9 @@ void append_rows(GapOperator::Side& out, const PieceColumns& columns, std::size_
                     count = values.size() / (nodes * width);
   out.column.resize(out.column.size() + count * order.size());
   out.coefficient.resize(out.coefficient.size() + count * order.size() * rows * in_row);
-  std::int32_t* to_column = &*out.column.end() - count * order.size();
-  double* to = &*out.coefficient.end() - count * order.size() * rows * in_row;
+  std::int32_t* to_column = out.column.data() + out.column.size() - count * order.size();
+  double* to
+      = out.coefficient.data() + out.coefficient.size() - count * order.size() * rows * in_row;
   for (std::size_t p = 0; p < values.size(); p += nodes * width)
   {
     for (std::uint32_t j : order)

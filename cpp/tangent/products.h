@@ -41,10 +41,10 @@ struct Run
   /// Whether the entries have the columns of those of another run.
   bool same_columns(const Run& other) const
   {
-    if (count != other.count || width != other.width || !node != !other.node)
+    if (count != other.count || width != other.width)
       return false;
     return node ? numbers == other.numbers && std::equal(node, node + count, other.node)
-                : std::equal(numbers, numbers + width, other.numbers);
+                : std::equal(numbers, numbers + count * width, other.numbers);
   }
 };
 

@@ -11,8 +11,8 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Number of values that are collected before they are summed for the first time: 8 MiB.
-constexpr std::size_t most_values = std::size_t(1) << 20;
+/// Number of values that are collected before they are summed for the first time: 2 MiB.
+constexpr std::size_t most_values = std::size_t(1) << 18;
 } // namespace
 
 std::int32_t RowSums::number_of(PetscInt key)
