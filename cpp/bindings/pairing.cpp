@@ -275,6 +275,9 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "Identification of the two facets of each point and of the facet that was cut, "
           "[point][n].")
+      .def_prop_ro(
+          "vertex", [](const Pieces& p) { return copy(p.vertex, {p.vertex.size()}); },
+          "Numbers of the owned nodes that are the points; empty for facets that were cut.")
       .def(
           "slave_sizes",
           [](const Pieces& p)

@@ -59,7 +59,8 @@ public:
   /// must have been solved. There is one row for each point on this rank, then one for each
   /// stand-alone point (`alone`), which has one multiplier and no facet. `initial_gap` is −g.
   /// Collective.
-  /// @param alone slave unknowns that represent the node sides of the stand-alone points
+  /// @param alone slave unknowns that represent the node sides of the stand-alone points, -1 for
+  /// points that have no function of nodes
   /// @param weight areas of the stand-alone points
   /// @param far gap of the stand-alone points, positive (open)
   GapOperator(const Surface& slave, const Surface* master, const Pieces& pieces,

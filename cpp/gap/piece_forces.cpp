@@ -55,8 +55,8 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
       for (std::size_t j = 0; j < n; ++j)
         if (j != i && (n < 4 || i + j != 3)) // along edges
         {
-          const Vec3 edge
-              = facet_vertex(x, static_cast<int>(j)) - facet_vertex(x, static_cast<int>(i));
+          const Vec3 edge = along_edge(side.type, side.degree, side.x_of(p), static_cast<int>(i),
+                                       static_cast<int>(j));
           pieces.rise[(p * n + i) * n + j] = -dot(m, edge) / dot(m, outward);
         }
     }

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <numeric>
 #include <stdexcept>
 
@@ -308,7 +309,9 @@ void qsdolfinx::multipliers_of_pieces(GapOperator::Side& out, const Pieces& piec
                                       std::span<const std::int64_t> alone)
 {
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
-  const PieceColumns columns(side_dofs(pieces), nk, alone);
+  std::vector<std::int64_t> others;
+  std::ranges::copy_if(alone, std::back_inserter(others), [](std::int64_t u) { return u >= 0; });
+  const PieceColumns columns(side_dofs(pieces), nk, others);
   reserve_rows(out, pieces.points.size(), alone.size(), nk, 1);
   std::vector<double> N;
   for (std::size_t i = 0; i < pieces.size(); ++i)
@@ -324,8 +327,11 @@ void qsdolfinx::multipliers_of_pieces(GapOperator::Side& out, const Pieces& piec
   }
   for (std::int64_t unknown : alone)
   {
-    out.column.push_back(columns.place(unknown));
-    out.coefficient.push_back(1);
+    if (unknown >= 0)
+    {
+      out.column.push_back(columns.place(unknown));
+      out.coefficient.push_back(1);
+    }
     out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
   }
   out.dofs.assign(columns.key.begin(), columns.key.end());

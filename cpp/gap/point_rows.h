@@ -44,8 +44,8 @@ void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std:
                     std::size_t width, const OfPiece& values);
 
 /// Functions N_k at the points of pieces, as in multipliers_at_points, then rows with one unknown
-/// each.
-/// @param alone unknowns of the latter rows
+/// each, or with none.
+/// @param alone unknowns of the latter rows, -1 for none
 void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 

@@ -7,8 +7,8 @@
 using namespace qsdolfinx;
 using namespace qsdolfinx::forms;
 
-// The surface rises from vertex i towards j by s = −m·e/(m·n) over the edge e = x_j − x_i, where m
-// is its normal at i, and n the normal of the facet.
+// The surface rises from vertex i towards j by s = −m·e/(m·n), where e is the facet's tangent at i
+// along the edge to j, m the normal of the surface at i, and n the normal of the facet.
 
 namespace
 {
@@ -35,11 +35,12 @@ std::vector<Slope> slopes_of(const RayPair& pair)
       const double along = dot(m, normal.n());
       if (i == j || (count == 4 && i + j == 3) || along == 0) // along edges
         continue;
-      const Vec3 e = facet_vertex(pair.other.x, j) - facet_vertex(pair.other.x, i);
+      const Vec3 e = along_edge(pair.other.type, pair.other.degree, pair.other.x, i, j);
       const double rise = dot(m, e) / (along * along);
       Slope slope{i, j, {}, rise * normal.n() - 1 / along * e};
-      add(&slope.by_nodes[3 * (columns.other + i)], 1 / along, m);
-      add(&slope.by_nodes[3 * (columns.other + j)], -1 / along, m);
+      const auto factors = edge_tangent(pair.other.type, pair.other.degree, i, j);
+      for (int k = 0; k < columns.num_other; ++k)
+        add(&slope.by_nodes[3 * (columns.other + k)], -factors[k] / along, m);
       normal.add_to(rise * m, &slope.by_nodes[3 * columns.other]);
       out.push_back(slope);
     }
@@ -91,6 +92,27 @@ void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span
   }
 }
 } // namespace
+
+std::array<double, max_trace> qsdolfinx::edge_tangent(FacetType type, int degree, int i, int j)
+{
+  constexpr std::array<Vec2, 4> vertices{Vec2{0, 0}, Vec2{1, 0}, Vec2{0, 1}, Vec2{1, 1}};
+  const auto dM = trace_gradients(type, degree, vertices[i]);
+  std::array<double, max_trace> out{};
+  for (int k = 0; k < trace_size(type, degree); ++k)
+    for (int a = 0; a < 2; ++a)
+      out[k] += (vertices[j][a] - vertices[i][a]) * dM[k][a];
+  return out;
+}
+
+Vec3 qsdolfinx::along_edge(FacetType type, int degree, std::span<const double> x, int i, int j)
+{
+  const Vec3 origin = facet_vertex(x, i);
+  const auto factors = edge_tangent(type, degree, i, j);
+  Vec3 out{};
+  for (int k = 0; k < trace_size(type, degree); ++k)
+    add(out.data(), factors[k], facet_vertex(x, k) - origin);
+  return out;
+}
 
 void qsdolfinx::add_gaps_by_rise(const RayPair& pair, std::span<const RayPoint> points,
                                  std::span<double> by_nodes, std::span<double> by_normals)

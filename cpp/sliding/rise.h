@@ -4,10 +4,18 @@
 
 #include "sliding/ray.h"
 
+#include <array>
 #include <span>
 
 namespace qsdolfinx
 {
+
+/// Factors of the nodes of a facet in its tangent at vertex i along the edge to vertex j. The
+/// tangent of a straight edge is x_j − x_i.
+std::array<double, max_trace> edge_tangent(FacetType type, int degree, int i, int j);
+
+/// The tangent at vertex i along the edge to vertex j. @param x the nodes of the facet, [node][3]
+Vec3 along_edge(FacetType type, int degree, std::span<const double> x, int i, int j);
 
 /// Add derivatives of the gaps by the quantities on which heights depend: positions of nodes, and
 /// normals at vertices.

@@ -23,6 +23,7 @@ from qsdolfinx.gap.following import (
     sides_of,
     sums_of_sides,
 )
+from qsdolfinx.gap.own_rows import FacedVertices
 from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
@@ -42,12 +43,15 @@ class Finder(typing.Protocol):
     Attributes:
         both: Whether the facets of both surfaces are segmented.
         are_own: As in :class:`Cutter`.
+        of_tool: Vertices of a tool that have multipliers of their own, among the owned ones, and
+            their areas; None for other points.
         raised: Side whose facets may be replaced by a curved surface: 0 for the slave, 1 for the
             master.
     """
 
     both: bool
     are_own: bool
+    of_tool: tuple[Indices, Array] | None
     raised: int
 
     def sides(self) -> Flags:
@@ -69,7 +73,7 @@ class Finder(typing.Protocol):
 class Overlay:
     """Segmentation of all facets that face each other; arguments as in :class:`FacetCutter`."""
 
-    are_own, raised = False, 1
+    are_own, of_tool, raised = False, None, 1
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
         self._slave, self.both, self._radius = slave, both, radius
@@ -118,6 +122,8 @@ class FacetCutter:
         self._slave, self._master = slave.cpp_object, master.cpp_object
         self._finder = finder
         self.are_own = finder.are_own
+        #: Whether the functions of multipliers do not change at the points.
+        self._are_constant = finder.are_own or finder.of_tool is not None
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._moved_to: Places | None = None
         self._known: Known | None = None
@@ -142,7 +148,10 @@ class FacetCutter:
         known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
         cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
-        return Found(cover, pieces, pieces.num_missed, known.normals)
+        own, vertices = self._finder.of_tool, None
+        if own is not None:
+            vertices = FacedVertices(*own, np.asarray(pieces.vertex))
+        return Found(cover, pieces, pieces.num_missed, known.normals, vertices)
 
     def _pieces(self, places: Places, vertices: Array | None) -> Known:
         """Segments for :meth:`find`; for unchanged positions those of the last call. Collective."""
@@ -166,7 +175,7 @@ class FacetCutter:
 
     def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
         """See :class:`Cutter`."""
-        if self.are_own and found.normals is None:
+        if self._are_constant and found.normals is None:
             return None
         operator = _cpp.GapOperator(
             self._slave, self._master, moving=found.of_cutter, weight=alone.weight
@@ -262,10 +271,12 @@ class FacetCutter:
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`."""
-        if self.are_own and turning is None:
+        if self._are_constant and turning is None:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
+        if found.vertices is not None:  # tractions turn, with Σ_k N_k = 1
+            field, rest, moves = field.duplicate(), np.zeros_like(rest), False
         rest, component = np.ascontiguousarray(rest), 0
         vectors: Array = np.zeros((0, 3))
         if turning is not None:
@@ -280,8 +291,15 @@ class FacetCutter:
             functions=functions,
             weight=alone.weight,
         )
-        sides = [side for side, vec in enumerate(markers) if vec is not None]
-        return MovingFunctions(operator, [functions.entries(side) for side in sides])
+        mixed = [functions.entries(side) for side, vec in enumerate(markers) if vec is not None]
+        if found.vertices is not None:
+            field.destroy()
+            point = np.arange(len(found.vertices.found), dtype=np.int64)
+            mixed = [
+                (np.repeat(point, len(column) // max(len(point), 1)), column, value)
+                for _, column, value in mixed
+            ]
+        return MovingFunctions(operator, mixed)
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places

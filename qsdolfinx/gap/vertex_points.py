@@ -23,6 +23,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 #: Cosine of the angle (20°) by which the facets of a tool have to be inclined at a vertex that gets
 #: a point. A surface that a punch presses flat turns by less at the corner of the punch, and the
@@ -43,7 +44,7 @@ class Vertices:
         radius: Search distance: points farther away are not paired.
     """
 
-    both, are_own, raised = False, True, 1
+    both, are_own, of_tool, raised = False, True, None, 1
 
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
@@ -101,8 +102,8 @@ class Vertices:
 class ToolVertices:
     """Points at vertices of a rigid tool on sharp edges, along the normals of the body's facets.
 
-    The tool has no multipliers. For these points, the nodes of the body have one more multiplier
-    each; the multiplier at a point is Σ_k λ_k N_k(ζ), wherever the point slides.
+    Each vertex has a multiplier of its own, wherever it slides: with multipliers of the body's
+    nodes, several would belong to one constraint. The nodes show means of these multipliers.
 
     Args:
         slave: The body's surface.
@@ -125,6 +126,9 @@ class ToolVertices:
         count = slave.comm.allreduce(len(slave.node_area))
         #: Areas of the vertices: the mean area of a node of the body.
         self._area: Array = np.full(len(self._sharp), slave.area / count)
+        some = np.flatnonzero(self._sharp).astype(np.int64)
+        #: See :class:`Finder`.
+        self.of_tool: tuple[Indices, Array] = some, self._area[some]
 
     def sides(self) -> Flags:
         """See :class:`Finder`: one patch for each node."""
