@@ -1,6 +1,5 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
-#include "sliding/rise.h"
 
 #include <algorithm>
 #include <array>
@@ -352,23 +351,22 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
 OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
 {
   const std::vector<double>& motions = motions_of(pieces);
-  return [&pieces, &motions, fixed = gap_gradients_of(pieces), out = std::vector<double>(),
-          slopes = std::vector<double>(), by_normals = std::vector<double>()](std::size_t i) mutable
+  const auto size = 3 * static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  return [&pieces, &motions, size, out = std::vector<double>(),
+          slopes = std::vector<double>()](std::size_t i) mutable
   {
-    const auto own = fixed(i);
     const auto points = pieces.points_of(i);
-    const std::size_t first = i > 0 ? pieces.end[i - 1] : 0,
-                      size = own.size() / std::max<std::size_t>(points.size(), 1);
-    out.assign(own.begin(), own.end());
+    const std::size_t first = i > 0 ? pieces.end[i - 1] : 0;
+    RayPair pair = pair_of(pieces, i);
+    pair.rise = {}; // gaps are those to the facet itself
+    out.resize(points.size() * size);
+    gap_gradients(pair, points, out);
     slopes.resize(2 * points.size());
-    gap_slopes(pair_of(pieces, i), points, slopes);
+    gap_slopes(pair, points, slopes);
     for (std::size_t p = 0; p < points.size(); ++p)
       for (std::size_t a = 0; a < 2; ++a)
         for (std::size_t c = 0; c < size; ++c)
           out[p * size + c] += slopes[2 * p + a] * motions[((first + p) * 3 + a) * size + c];
-    const RayPair pair = pair_of(pieces, i);
-    by_normals.assign(points.size() * 3 * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
-    add_gaps_by_rise(pair, points, out, by_normals);
     return std::span<const double>(out);
   };
 }

@@ -24,7 +24,7 @@ PairingPoints points_of_pieces(const Surface& slave, const Surface* master, cons
 /// nodes first. They are valid until the next piece is requested.
 using OfPiece = std::function<std::span<const double>(std::size_t piece)>;
 
-/// Gradients of the gaps, width 3.
+/// Gradients of the gaps, width 3; at vertices in the direction of the curved surface's normals.
 OfPiece gap_gradients_of(const Pieces& pieces);
 
 /// Trace functions, negative for the master, width 1.

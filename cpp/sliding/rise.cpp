@@ -47,22 +47,17 @@ std::vector<Slope> slopes_of(const RayPair& pair)
   return out;
 }
 
-/// N_i² N_j at a point, and its derivatives by ζ.
-struct Height
+/// Derivatives of N_i² N_j by ζ at a point.
+Vec2 steepness(const RayPair& pair, const Slope& slope, const RayPoint& point)
 {
-  Height(const RayPair& pair, const Slope& slope, const RayPoint& point)
-  {
-    const auto N = shape_functions(pair.other.type, point.zeta);
-    const auto dN = trace_gradients(pair.other.type, 1, point.zeta);
-    const int i = slope.from, j = slope.to;
-    value = N[i] * N[i] * N[j];
-    for (int a = 0; a < 2; ++a)
-      by_zeta[a] = N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
-  }
-
-  double value;
-  Vec2 by_zeta;
-};
+  const auto N = shape_functions(pair.other.type, point.zeta);
+  const auto dN = trace_gradients(pair.other.type, 1, point.zeta);
+  const int i = slope.from, j = slope.to;
+  Vec2 out;
+  for (int a = 0; a < 2; ++a)
+    out[a] = N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
+  return out;
+}
 
 /// Add the derivatives of forces c·v, c being linear in slopes.
 void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span<double> by_nodes,
@@ -80,7 +75,7 @@ void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span
     const Ray ray(pair, normal, points[p]);
     for (const Slope& slope : slopes)
     {
-      const Vec3 c = change(p, ray, Height(pair, slope, points[p]).by_zeta);
+      const Vec3 c = change(p, ray, steepness(pair, slope, points[p]));
       const Row force = ray.form(columns, normal, c);
       for (int a = 0; a < n; ++a)
       {
@@ -112,23 +107,6 @@ Vec3 qsdolfinx::along_edge(FacetType type, int degree, std::span<const double> x
   for (int k = 0; k < trace_size(type, degree); ++k)
     add(out.data(), factors[k], facet_vertex(x, k) - origin);
   return out;
-}
-
-void qsdolfinx::add_gaps_by_rise(const RayPair& pair, std::span<const RayPoint> points,
-                                 std::span<double> by_nodes, std::span<double> by_normals)
-{
-  const std::vector<Slope> slopes = slopes_of(pair);
-  const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
-             width = 3 * static_cast<std::size_t>(pair.other.num_vertices());
-  for (std::size_t p = 0; p < points.size(); ++p)
-    for (const Slope& slope : slopes)
-    {
-      const double height = Height(pair, slope, points[p]).value;
-      for (std::size_t b = 0; b < n; ++b)
-        by_nodes[p * n + b] += height * slope.by_nodes[b];
-      add(&by_normals[p * width + 3 * static_cast<std::size_t>(slope.from)], height,
-          slope.by_normal);
-    }
 }
 
 void qsdolfinx::add_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,

@@ -45,7 +45,7 @@ class Finder(typing.Protocol):
         are_own: As in :class:`Cutter`.
         of_tool: Vertices of a tool that have multipliers of their own, among the owned ones, and
             their areas; None for other points.
-        raised: Side whose facets may be replaced by a curved surface: 0 for the slave, 1 for the
+        raised: Side over whose facets there may be a curved surface: 0 for the slave, 1 for the
             master.
     """
 
@@ -61,12 +61,12 @@ class Finder(typing.Protocol):
         """``GapState.vertices`` for surfaces at these positions. Collective."""
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
-        """Find the points at the present positions of the surfaces. Collective.
+        """Find the points for surfaces at these positions. Collective.
 
-        The second result is the normals of the curved surface that replaces facets of a body; None
-        for none.
+        The second result is the normals of the curved surface over facets of a body along whose
+        normals forces act; None for none.
         """
 
 
@@ -88,7 +88,7 @@ class Overlay:
         return None
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         return _cpp.overlay_pieces(*surfaces, self.both, self._radius, *self._rules), None
@@ -159,7 +159,7 @@ class FacetCutter:
         if known is not None and known.places is places and known.vertices is vertices:
             return known
         self._put(places)
-        self._known = Known(places, vertices, *self._finder.pieces(self._moving, vertices))
+        self._known = Known(places, vertices, *self._finder.pieces(self._moving, places, vertices))
         return self._known
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -175,30 +175,8 @@ class FacetCutter:
 
     def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
         """See :class:`Cutter`."""
-        if self._are_constant and found.normals is None:
-            return None
-        operator = _cpp.GapOperator(
-            self._slave, self._master, moving=found.of_cutter, weight=alone.weight
-        )
-        return Changes(operator, self._by_normals(found, operator.num_rows, markers))
-
-    def _by_normals(
-        self, found: Found, num_rows: int, markers: Vecs
-    ) -> tuple[int, PETSc.Mat] | None:
-        """Derivative of the gaps due to node normals that turn with their facets. Collective."""
-        if found.normals is None:
-            return None
-        side, comm = self._finder.raised, self._surfaces[0].comm
-        row = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
-        entries, vec = found.of_cutter.gaps_by_normals(), markers[side]
-        assert vec is not None
-        entries = entries[0] + row.owner_range[0], *entries[1:]
-        of_gaps = new_matrix(row.getSizes(), vec.getSizes(), entries, comm)
-        turn = _but_for_held(found.normals.turn([entries]), None, vec)
-        out = of_gaps.matMult(turn)
-        for thing in (row, of_gaps, turn):
-            thing.destroy()
-        return side, out
+        pieces, weight = found.of_cutter, alone.weight
+        return Changes(_cpp.GapOperator(self._slave, self._master, moving=pieces, weight=weight))
 
     def _add_turning(
         self,

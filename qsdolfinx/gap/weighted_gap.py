@@ -425,9 +425,19 @@ class WeightedGap:
         assert self.following is not None and state.base is not None
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         state.vertices = self.following.choose(self.following.places(state.base, u, scale))
-        if before is not None and state.vertices is not None and self.following.points_are_own:
-            bears = (state.augmented > 0) & (before > 0)
+        if before is not None and state.vertices is not None:
+            bears = self._bear() & (before > 0)
             state.vertices = np.where(bears, before, state.vertices)
+
+    def _bear(self) -> Flags:
+        """Vertices with a multiplier that carry a force, in the shape of ``GapState.vertices``."""
+        state, known = self.state, self.state.of_vertices
+        if self.own is None or state.vertices is None:
+            return np.asarray(state.augmented > 0)
+        out = np.zeros(state.vertices.shape, dtype=bool)
+        if known is not None and known.on_nodes is state.augmented:
+            out[known.vertex] = known.values > 0
+        return out
 
     def choose_vertices(self) -> bool:
         """Give points to vertices that need them at the last evaluation. Collective.
