@@ -221,9 +221,8 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },
           "Distances along the rays, positive when open, [point].")
       .def(
-          "raise_facets",
-          [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
-          "normals"_a,
+          "raise_facets", [](Pieces& p, Handle normals)
+          { raise_facets(p, reinterpret_cast<Vec>(normals)); }, "normals"_a,
           "Let forces at vertices act along the normals of a curved surface; collective.")
       .def(
           "forces_by_normals",

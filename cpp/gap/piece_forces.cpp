@@ -33,9 +33,9 @@ std::vector<double> qsdolfinx::values_at(Vec x, std::span<const std::int64_t> do
 
 namespace
 {
-/// Least cosine of the angle between a facet's normal and the mean normal at its vertex for a curved
-/// surface over the facet, whose slope would otherwise exceed 3. Below a sharp tip facets turn as
-/// far as its sides, at nodes that were smooth.
+/// Least cosine of the angle between a facet's normal and the mean normal at its vertex for a
+/// curved surface over the facet, whose slope would otherwise exceed 3. Below a sharp tip facets
+/// turn as far as its sides, at nodes that were smooth.
 constexpr double least_upright = 0.3;
 } // namespace
 

@@ -613,9 +613,8 @@ class Slip:
         Returns:
             Matrices of shape (rows, gdim, gdim).
         """
-        state, rows, gdim = self.state, self.gap.rows, self.slave.gdim
+        state = self.state
         assert self._frames is not None and state.begun is not None and state.frames is not None
-        assert isinstance(rows, PointRows)
         if self._began is None or self._began[0] is not state.begun:
             self._began = state.begun, self._frames.at(state.begun[0])
         turns = np.einsum("nij,nkj->nik", state.frames, self._began[1])

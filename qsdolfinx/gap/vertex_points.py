@@ -11,7 +11,6 @@ from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
-    Faceted,
     gathered,
     normals_at_vertices,
     sharp_nodes,
