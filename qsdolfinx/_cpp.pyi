@@ -284,16 +284,7 @@ class Pieces:
         """Distances along the rays, positive when open, [point]."""
 
     def raise_facets(self, normals: int) -> None:
-        """Replace the facets opposite vertices by a curved surface; collective."""
-
-    def gaps_by_normals(
-        self,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
-    ]:
-        """Derivatives of gaps by the normals given to raise_facets: points, unknowns that represent components of normals, values."""
+        """Let forces at vertices act along the normals of a curved surface; collective."""
 
     def forces_by_normals(
         self, stress: numpy.typing.NDArray[numpy.float64], slips: bool
@@ -309,13 +300,17 @@ class Pieces:
             numpy.typing.NDArray[numpy.float64],
         ],
     ]:
-        """Derivatives of forces of pressures or tractions, on both bodies, by the same normals; rows are unknowns."""
+        """Derivatives of forces of pressures or tractions, on both bodies, by these normals; rows are unknowns."""
 
     def functions(self) -> numpy.typing.NDArray[numpy.float64]:
         """Functions of the slave's vertices at the points, [point][k]."""
 
     def facets(self) -> numpy.typing.NDArray[numpy.int64]:
         """Identification of the two facets of each point and of the facet that was cut, [point][n]."""
+
+    @property
+    def vertex(self) -> numpy.typing.NDArray[numpy.int64]:
+        """Numbers of the owned nodes that are the points; empty for facets that were cut."""
 
     def slave_sizes(self) -> numpy.typing.NDArray[numpy.float64]:
         """Size of the slave's facet at each point, [point]."""

@@ -221,13 +221,9 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "gaps", [](const Pieces& p) { return copy(distances_of(p), {p.points.size()}); },
           "Distances along the rays, positive when open, [point].")
       .def(
-          "raise_facets",
-          [](Pieces& p, Handle normals) { raise_facets(p, reinterpret_cast<Vec>(normals)); },
-          "normals"_a, "Replace the facets opposite vertices by a curved surface; collective.")
-      .def(
-          "gaps_by_normals", [](const Pieces& p) { return entries(gaps_by_normals(p)); },
-          "Derivatives of gaps by the normals given to raise_facets: points, unknowns that "
-          "represent components of normals, values.")
+          "raise_facets", [](Pieces& p, Handle normals)
+          { raise_facets(p, reinterpret_cast<Vec>(normals)); }, "normals"_a,
+          "Let forces at vertices act along the normals of a curved surface; collective.")
       .def(
           "forces_by_normals",
           [](const Pieces& p, In<double> stress, bool slips)
@@ -236,7 +232,7 @@ void qsdolfinx::bind_pairing(nb::module_& m)
             return std::tuple(entries(std::move(slave)), entries(std::move(master)));
           },
           "stress"_a, "slips"_a,
-          "Derivatives of forces of pressures or tractions, on both bodies, by the same normals; "
+          "Derivatives of forces of pressures or tractions, on both bodies, by these normals; "
           "rows are unknowns.")
       .def(
           "functions",
@@ -275,6 +271,9 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "Identification of the two facets of each point and of the facet that was cut, "
           "[point][n].")
+      .def_prop_ro(
+          "vertex", [](const Pieces& p) { return copy(p.vertex, {p.vertex.size()}); },
+          "Numbers of the owned nodes that are the points; empty for facets that were cut.")
       .def(
           "slave_sizes",
           [](const Pieces& p)

@@ -60,6 +60,8 @@ public:
   /// stand-alone point (`alone`), which has one multiplier and no facet. `initial_gap` is −g.
   /// @param master null for a rigid tool
   /// @param alone slave unknowns that represent the node sides of the stand-alone points
+  /// @param alone slave unknowns that represent the node sides of the stand-alone points, -1 for
+  /// points that have no function of nodes
   /// @param weight areas of the stand-alone points
   /// @param far gap of the stand-alone points, positive (open)
   GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,

@@ -31,6 +31,14 @@ std::vector<double> qsdolfinx::values_at(Vec x, std::span<const std::int64_t> do
   return out;
 }
 
+namespace
+{
+/// Least cosine of the angle between a facet's normal and the mean normal at its vertex for a
+/// curved surface over the facet, whose slope would otherwise exceed 3. Below a sharp tip facets
+/// turn as far as its sides, at nodes that were smooth.
+constexpr double least_upright = 0.3;
+} // namespace
+
 void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
 {
   const PieceSide& side = raised_side(pieces);
@@ -48,15 +56,15 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
     {
       Vec3 m{};
       std::copy_n(&values[(p * nodes + i) * d], d, m.begin());
-      if (!(dot(m, outward) > smooth_cosine)) // no normal here, or a sharp edge
+      if (!(dot(m, outward) > least_upright)) // no normal here, or a fold
         continue;
       std::copy_n(m.begin(), 3,
                   pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));
       for (std::size_t j = 0; j < n; ++j)
         if (j != i && (n < 4 || i + j != 3)) // along edges
         {
-          const Vec3 edge
-              = facet_vertex(x, static_cast<int>(j)) - facet_vertex(x, static_cast<int>(i));
+          const Vec3 edge = along_edge(side.type, side.degree, side.x_of(p), static_cast<int>(i),
+                                       static_cast<int>(j));
           pieces.rise[(p * n + i) * n + j] = -dot(m, edge) / dot(m, outward);
         }
     }
@@ -66,30 +74,6 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
 const PieceSide& qsdolfinx::raised_side(const Pieces& pieces)
 {
   return pieces.size() == 0 || pieces.cut_is_slave[0] ? pieces.master : pieces.slave;
-}
-
-ByNormals qsdolfinx::gaps_by_normals(const Pieces& pieces)
-{
-  const PieceSide& side = raised_side(pieces);
-  const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
-             nodes = static_cast<std::size_t>(side.num_nodes);
-  ByNormals out;
-  std::vector<double> by_nodes, by_normals;
-  std::size_t row = 0;
-  for (std::size_t i = 0; i < pieces.size() && !pieces.rise.empty(); ++i)
-  {
-    const RayPair pair = pair_of(pieces, i);
-    const auto points = pieces.points_of(i);
-    by_nodes.assign(points.size() * 3 * static_cast<std::size_t>(pair.num_nodes()), 0.0);
-    by_normals.assign(points.size() * 3 * n, 0.0);
-    add_gaps_by_rise(pair, points, by_nodes, by_normals);
-    for (std::size_t p = 0; p < points.size(); ++p, ++row)
-      for (std::size_t k = 0; k < n; ++k)
-        for (std::size_t c = 0; c < d; ++c)
-          out.append(static_cast<std::int64_t>(row), side.dofs[(i * nodes + k) * d + c],
-                     by_normals[3 * (p * n + k) + c]);
-  }
-  return out;
 }
 
 std::array<ByNormals, 2> qsdolfinx::forces_by_normals(const Pieces& pieces,
@@ -131,12 +115,8 @@ std::array<ByNormals, 2> qsdolfinx::forces_by_normals(const Pieces& pieces,
 std::vector<double> qsdolfinx::distances_of(const Pieces& pieces)
 {
   std::vector<double> out;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    const RayPair pair = pair_of(pieces, i);
-    for (const RayPoint& point : pieces.points_of(i))
-      out.push_back(point.t - lift_of(pair, point.zeta).height);
-  }
+  for (const RayPoint& point : pieces.points)
+    out.push_back(point.t);
   return out;
 }
 

@@ -11,8 +11,8 @@ namespace qsdolfinx
 /// Values of a distributed vector at some unknowns, in their order. Collective.
 std::vector<double> values_at(Vec x, std::span<const std::int64_t> dofs);
 
-/// Replace the facets on which rays of vertices end by the curved surface that has the given
-/// normals at its nodes, so that forces do not jump when a point moves from one facet to the next.
+/// Let forces at vertices act along the normals of the curved surface that has the given normals at
+/// its nodes, so that forces do not jump when a point moves from one facet to the next.
 /// Collective.
 /// @param normals unit vectors, stored in a vector of the body or tool; 0 at nodes on sharp edges
 void raise_facets(Pieces& pieces, Vec normals);
@@ -37,16 +37,12 @@ struct ByNormals
   }
 };
 
-/// Derivatives of the gaps by the normals; rows are points.
-ByNormals gaps_by_normals(const Pieces& pieces);
-
 /// Derivatives of the forces of constant pressures or tractions by the normals; rows are unknowns
 /// of the slave's and of the master's body. @param stress [point] or [point][3]
 std::array<ByNormals, 2> forces_by_normals(const Pieces& pieces, std::span<const double> stress,
                                            bool slips);
 
-/// Distances along the rays to the facets, or to the curved surfaces in their place, positive when
-/// open, [point].
+/// Distances along the rays to the facets, positive when open, [point].
 std::vector<double> distances_of(const Pieces& pieces);
 
 /// Σ_p w_p N_k, [piece][multiplier].

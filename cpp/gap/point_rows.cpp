@@ -1,9 +1,9 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
-#include "sliding/rise.h"
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <numeric>
 #include <stdexcept>
 
@@ -315,7 +315,9 @@ void qsdolfinx::multipliers_of_pieces(GapOperator::Side& out, const Pieces& piec
                                       std::span<const std::int64_t> alone)
 {
   const auto nk = static_cast<std::size_t>(pieces.num_multipliers);
-  const PieceColumns columns(side_dofs(pieces), nk, alone);
+  std::vector<std::int64_t> others;
+  std::ranges::copy_if(alone, std::back_inserter(others), [](std::int64_t u) { return u >= 0; });
+  const PieceColumns columns(side_dofs(pieces), nk, others);
   reserve_rows(out, pieces.points.size(), alone.size(), nk, 1);
   std::vector<double> N;
   for (std::size_t i = 0; i < pieces.size(); ++i)
@@ -331,8 +333,11 @@ void qsdolfinx::multipliers_of_pieces(GapOperator::Side& out, const Pieces& piec
   }
   for (std::int64_t unknown : alone)
   {
-    out.column.push_back(columns.place(unknown));
-    out.coefficient.push_back(1);
+    if (unknown >= 0)
+    {
+      out.column.push_back(columns.place(unknown));
+      out.coefficient.push_back(1);
+    }
     out.offset.push_back(static_cast<std::int64_t>(out.column.size()));
   }
   out.dofs.assign(columns.key.begin(), columns.key.end());
@@ -352,10 +357,11 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
 
 OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
 {
-  return [&pieces, out = std::vector<double>(), slopes = std::vector<double>(),
-          by_normals = std::vector<double>()](std::size_t i) mutable
+  return
+      [&pieces, out = std::vector<double>(), slopes = std::vector<double>()](std::size_t i) mutable
   {
-    const RayPair pair = pair_of(pieces, i);
+    RayPair pair = pair_of(pieces, i);
+    pair.rise = {}; // gaps are those to the facet itself
     const auto points = pieces.points_of(i);
     const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
     out.resize(points.size() * size);
@@ -368,8 +374,6 @@ OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
         add_motion(pair, motion, p, {slopes[2 * p], slopes[2 * p + 1], 0},
                    std::span(out).subspan(p * size, size));
     }
-    by_normals.assign(points.size() * 3 * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
-    add_gaps_by_rise(pair, points, out, by_normals);
     return std::span<const double>(out);
   };
 }

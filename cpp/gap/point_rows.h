@@ -24,7 +24,7 @@ PairingPoints points_of_pieces(const Surface& slave, const Surface* master, cons
 /// nodes first. They are valid until the next piece is requested.
 using OfPiece = std::function<std::span<const double>(std::size_t piece)>;
 
-/// Gradients of the gaps, width 3.
+/// Gradients of the gaps, width 3; at vertices in the direction of the curved surface's normals.
 OfPiece gap_gradients_of(const Pieces& pieces);
 
 /// Trace functions, negative for the master, width 1.
@@ -44,8 +44,8 @@ void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std:
                     std::size_t width, const OfPiece& values);
 
 /// Functions N_k at the points of pieces, as in multipliers_at_points, then rows with one unknown
-/// each.
-/// @param alone unknowns of the latter rows
+/// each, or with none.
+/// @param alone unknowns of the latter rows, -1 for none
 void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 

@@ -460,6 +460,7 @@ Pieces qsdolfinx::vertex_pieces(const Surface& slave, const Surface& master, boo
                                static_cast<std::size_t>(out.num_multipliers), 0);
     out.cut_is_slave.push_back(of_master ? 0 : 1);
     out.points.push_back({{0.0, 0.0}, zeta, weight[k]});
+    out.vertex.push_back(static_cast<std::int64_t>(k));
     out.end.push_back(out.points.size());
   }
   solve_pieces(out);

@@ -42,6 +42,8 @@ struct Pieces
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])
   std::vector<RayPoint> points;              ///< ξ of the facet that was cut, ζ of the other, area
   std::vector<std::uint8_t> is_missed;       ///< whether a ray meets no point, [piece]
+  std::vector<std::int64_t> vertex;          ///< number of the owned node that is the point of a
+                                             ///< piece, [piece]; empty for facets that were cut
   bool axisymmetric = false;                 ///< as PieceShape::axisymmetric
   // For pieces of facets that were cut; empty for points at vertices.
   std::vector<std::size_t> corner_end; ///< corners of a piece: [corner_end[piece - 1],

@@ -234,6 +234,26 @@ private:
 
 namespace
 {
+/// The variation of Σ_α slope_α A_ζα·τ for constant slopes and τ. As A = J⁻¹, δA = −A δJ A.
+Row change_along(const RayPair& pair, const Normal& normal, const Columns& columns, const Ray& ray,
+                 const RayPoint& point, const RayForms& forms, const Vec2& slope, const Vec3& tau)
+{
+  Row out{};
+  for (int alpha = 0; alpha < 2; ++alpha)
+  {
+    const Vec3 c = slope[alpha] * ray.A.zeta[alpha];
+    const auto [h11, h12, h22] = bending(pair.other, point.zeta, c);
+    const Vec2 along{dot(ray.A.zeta[0], tau), dot(ray.A.zeta[1], tau)};
+    const Vec2 by_zeta{along[0] * h11 + along[1] * h12, along[0] * h12 + along[1] * h22};
+    for (int b = 0; b < columns.size(); ++b)
+      out[b] -= by_zeta[0] * forms.first[b] + by_zeta[1] * forms.second[b];
+    for (int j = 0; j < columns.num_other; ++j)
+      add(&out[3 * (columns.other + j)], -along[0] * ray.dM[j][0] - along[1] * ray.dM[j][1], c);
+    normal.add_to(dot(ray.A.t, tau) * c, &out[3 * columns.along]);
+  }
+  return out;
+}
+
 void add_outer(const Row& rows, const Row& columns, int n, std::span<double> matrix)
 {
   for (int a = 0; a < n; ++a)
@@ -510,10 +530,10 @@ void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<cons
     if (!pair.rise.empty())
     {
       const auto [b11, b12, b22] = lift.bending;
-      Row steeper{};
+      Row steeper = change_along(pair, normal, columns, ray, point, forms, lift.slope, w * tau);
       for (int b = 0; b < n; ++b)
-        steeper[b] = (up[0] * b11 + up[1] * b12) * forms.first[b]
-                     + (up[0] * b12 + up[1] * b22) * forms.second[b];
+        steeper[b] += (up[0] * b11 + up[1] * b12) * forms.first[b]
+                      + (up[0] * b12 + up[1] * b22) * forms.second[b];
       add_outer(forms.dt, steeper, n, hessian);
     }
     for (int alpha = 0; alpha < dim; ++alpha)

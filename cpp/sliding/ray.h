@@ -31,8 +31,9 @@ struct RayPair
   RayFacet cut, other;
   bool cut_is_slave;
   bool along_other = false; ///< whether rays go against the other facet's normal
-  /// For a curved surface in place of the other facet, at its vertices: the slope towards another
-  /// vertex, times the length of that edge, [vertex][vertex]. Empty if the facet itself is used.
+  /// For forces along the normals of a curved surface over the other facet, at its vertices: the
+  /// slope towards another vertex, times the length of that edge, [vertex][vertex]. Empty if forces
+  /// are along the normals of the facet itself.
   std::span<const double> rise{};
   std::span<const double> rise_normal{}; ///< its normals there, 0 if unknown, [vertex][3]
 
@@ -47,8 +48,8 @@ struct RayPair
 };
 
 /// Height of a curved surface above the other facet, outward, and its derivatives by ζ: cubic along
-/// edges, with the given slopes at vertices, h = Σ_ij s_ij N_i² N_j. Rays along the facet's normal
-/// that end on the facet pass the curved surface at t − h.
+/// edges, with the given slopes at vertices, h = Σ_ij s_ij N_i² N_j. Gaps are those to the facet;
+/// forces have the direction of the gradient of t − h.
 struct RayLift
 {
   double height = 0;
@@ -77,7 +78,8 @@ Vec3 normal_of(const RayPair& pair);
 /// Gradient of the slave's outward normal, see normal_of. @param out [component][node][3]
 void normal_gradient(const RayPair& pair, std::span<double> out);
 
-/// Gradients of the gaps of single points, ξ fixed. @param out [point][node][3]
+/// Gradients of the gaps of single points, ξ fixed; with a curved surface those of h − t. @param
+/// out [point][node][3]
 /// @param slopes derivatives by ξ, nodes fixed, [point][2]; empty if not needed
 void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out,
                    std::span<double> slopes = {});

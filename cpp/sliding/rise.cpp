@@ -7,8 +7,8 @@
 using namespace qsdolfinx;
 using namespace qsdolfinx::forms;
 
-// The surface rises from vertex i towards j by s = −m·e/(m·n) over the edge e = x_j − x_i, where m
-// is its normal at i, and n the normal of the facet.
+// The surface rises from vertex i towards j by s = −m·e/(m·n), where e is the facet's tangent at i
+// along the edge to j, m the normal of the surface at i, and n the normal of the facet.
 
 namespace
 {
@@ -35,33 +35,29 @@ std::vector<Slope> slopes_of(const RayPair& pair)
       const double along = dot(m, normal.n());
       if (i == j || (count == 4 && i + j == 3) || along == 0) // along edges
         continue;
-      const Vec3 e = facet_vertex(pair.other.x, j) - facet_vertex(pair.other.x, i);
+      const Vec3 e = along_edge(pair.other.type, pair.other.degree, pair.other.x, i, j);
       const double rise = dot(m, e) / (along * along);
       Slope slope{i, j, {}, rise * normal.n() - 1 / along * e};
-      add(&slope.by_nodes[3 * (columns.other + i)], 1 / along, m);
-      add(&slope.by_nodes[3 * (columns.other + j)], -1 / along, m);
+      const auto factors = edge_tangent(pair.other.type, pair.other.degree, i, j);
+      for (int k = 0; k < columns.num_other; ++k)
+        add(&slope.by_nodes[3 * (columns.other + k)], -factors[k] / along, m);
       normal.add_to(rise * m, &slope.by_nodes[3 * columns.other]);
       out.push_back(slope);
     }
   return out;
 }
 
-/// N_i² N_j at a point, and its derivatives by ζ.
-struct Height
+/// Derivatives of N_i² N_j by ζ at a point.
+Vec2 steepness(const RayPair& pair, const Slope& slope, const RayPoint& point)
 {
-  Height(const RayPair& pair, const Slope& slope, const RayPoint& point)
-  {
-    const auto N = shape_functions(pair.other.type, point.zeta);
-    const auto dN = trace_gradients(pair.other.type, 1, point.zeta);
-    const int i = slope.from, j = slope.to;
-    value = N[i] * N[i] * N[j];
-    for (int a = 0; a < 2; ++a)
-      by_zeta[a] = N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
-  }
-
-  double value;
-  Vec2 by_zeta;
-};
+  const auto N = shape_functions(pair.other.type, point.zeta);
+  const auto dN = trace_gradients(pair.other.type, 1, point.zeta);
+  const int i = slope.from, j = slope.to;
+  Vec2 out;
+  for (int a = 0; a < 2; ++a)
+    out[a] = N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
+  return out;
+}
 
 /// Add the derivatives of forces c·v, c being linear in slopes.
 void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span<double> by_nodes,
@@ -79,7 +75,7 @@ void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span
     const Ray ray(pair, normal, points[p]);
     for (const Slope& slope : slopes)
     {
-      const Vec3 c = change(p, ray, Height(pair, slope, points[p]).by_zeta);
+      const Vec3 c = change(p, ray, steepness(pair, slope, points[p]));
       const Row force = ray.form(columns, normal, c);
       for (int a = 0; a < n; ++a)
       {
@@ -92,21 +88,25 @@ void add_forces(const RayPair& pair, std::span<const RayPoint> points, std::span
 }
 } // namespace
 
-void qsdolfinx::add_gaps_by_rise(const RayPair& pair, std::span<const RayPoint> points,
-                                 std::span<double> by_nodes, std::span<double> by_normals)
+std::array<double, max_trace> qsdolfinx::edge_tangent(FacetType type, int degree, int i, int j)
 {
-  const std::vector<Slope> slopes = slopes_of(pair);
-  const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
-             width = 3 * static_cast<std::size_t>(pair.other.num_vertices());
-  for (std::size_t p = 0; p < points.size(); ++p)
-    for (const Slope& slope : slopes)
-    {
-      const double height = Height(pair, slope, points[p]).value;
-      for (std::size_t b = 0; b < n; ++b)
-        by_nodes[p * n + b] += height * slope.by_nodes[b];
-      add(&by_normals[p * width + 3 * static_cast<std::size_t>(slope.from)], height,
-          slope.by_normal);
-    }
+  constexpr std::array<Vec2, 4> vertices{Vec2{0, 0}, Vec2{1, 0}, Vec2{0, 1}, Vec2{1, 1}};
+  const auto dM = trace_gradients(type, degree, vertices[i]);
+  std::array<double, max_trace> out{};
+  for (int k = 0; k < trace_size(type, degree); ++k)
+    for (int a = 0; a < 2; ++a)
+      out[k] += (vertices[j][a] - vertices[i][a]) * dM[k][a];
+  return out;
+}
+
+Vec3 qsdolfinx::along_edge(FacetType type, int degree, std::span<const double> x, int i, int j)
+{
+  const Vec3 origin = facet_vertex(x, i);
+  const auto factors = edge_tangent(type, degree, i, j);
+  Vec3 out{};
+  for (int k = 0; k < trace_size(type, degree); ++k)
+    add(out.data(), factors[k], facet_vertex(x, k) - origin);
+  return out;
 }
 
 void qsdolfinx::add_forces_by_rise(const RayPair& pair, std::span<const RayPoint> points,

@@ -245,7 +245,7 @@ def _extension(
     held, clamped = (
         np.asarray(by_node.rows.on_nodes(flags, False), dtype=bool) for flags in (held, clamped)
     )
-    return gap.rows.extension(held, clamped)
+    return gap.rows.extension(held, clamped, everywhere=gap.own is not None)
 
 
 def _held_on_both_sides(

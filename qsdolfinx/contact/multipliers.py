@@ -10,16 +10,21 @@ import numpy.typing as npt
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.contact.shown import keep
 from qsdolfinx.friction.slip import Slip
+from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
 
 Array = npt.NDArray[np.float64]
 
 
 class Known(typing.NamedTuple):
-    """Multiplier of a part; for constraints at points also active parts, or τ of a penalty."""
+    """Multiplier of a part; for constraints at points also active parts, or τ of a penalty.
+
+    ``of_vertices`` has the multipliers of a tool's vertices; None if there are none.
+    """
 
     multiplier: Array
     at_points: Array | None
+    of_vertices: OfVertices | None
 
 
 def known(model: ContactModel) -> list[Known]:
@@ -28,6 +33,7 @@ def known(model: ContactModel) -> list[Known]:
         Known(
             part.state.augmented,
             part.state.reached if isinstance(part, Slip) else part.state.closed,
+            part.state.of_vertices,
         )
         for part in model.parts
     ]
@@ -36,7 +42,7 @@ def known(model: ContactModel) -> list[Known]:
 def set_known(model: ContactModel, multipliers: typing.Sequence[Known]) -> None:
     """Restore the multipliers returned by :func:`known`."""
     for part, kept in zip(model.parts, multipliers, strict=True):
-        part.state.augmented = kept.multiplier
+        part.state.augmented, part.state.of_vertices = kept.multiplier, kept.of_vertices
         if isinstance(part, Slip):
             part.state.reached = kept.at_points
         else:

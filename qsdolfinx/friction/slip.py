@@ -22,6 +22,7 @@ from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are
 from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
+from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
 from qsdolfinx.surface.affine import Affine, affine_vec
@@ -126,6 +127,8 @@ class SlipState:
         closed: Active constraints at the last evaluation.
         ended: Whether the step of the last evaluation has ended.
         response: Response of the law at the last evaluation.
+        of_vertices: Multipliers τ̂ of a tool's vertices, of which ``augmented`` or ``reached`` has
+            means at nodes; None if they are not known, or for other points.
         on_edge: |τ| (stress) of constraints that the last solve has found on the edge of contact or
             inactive, infinite for others, (rows,).
         solved: τ (stress) of the last solve, for laws that depend on slip rates, (rows, gdim); None
@@ -160,6 +163,7 @@ class SlipState:
     now: Place | None = None
     rest: Array | float = 0.0
     reached: Array | None = None
+    of_vertices: OfVertices | None = None
     saved: SavedNormals | None = None
     begun: Places | None = None
     of_points: OfPoints | None = None
@@ -256,9 +260,21 @@ class Slip:
         assert isinstance(rows, PointRows)
         if reached is None:
             nodal = state.augmented if state.reached is None else state.reached
-            reached = rows.vectors_from_sides(nodal)
-        start = rows.vectors_from_sides(state.augmented) if elastic > 0 else 0.0
+            reached = self.at_rows(nodal)
+        start = self.at_rows(state.augmented) if elastic > 0 else 0.0
         return np.asarray((1 - elastic) * reached + elastic * start)
+
+    def at_rows(self, on_nodes: Array) -> Array:
+        """τ̂ at points, from that at nodes or at vertices of a tool, (rows, gdim). Collective.
+
+        Args:
+            on_nodes: τ̂ of the smooth patches of owned nodes, (nodes, gdim · gdim).
+        """
+        own, known, rows = self.gap.own, self.state.of_vertices, self.gap.rows
+        if own is not None and known is not None and known.on_nodes is on_nodes:
+            return own.at_rows(known.at(own))
+        assert isinstance(rows, PointRows)
+        return rows.vectors_from_sides(on_nodes)
 
     def moving(self, elastic: float, reached: Array, penalty: float) -> Changes:
         """Derivative of slips with moving points on facets, and with the tilt of τ_h. Collective.
@@ -563,10 +579,34 @@ class Slip:
             self._frames = Frames(self.slave)
         now = self._frames.at(gap.cut.places[0])
         if state.frames is not None:
-            state.augmented = self._turned_with(state.augmented, state.frames, now)
-            if state.reached is not None:
-                state.reached = self._turned_with(state.reached, state.frames, now)
+            before, known = state.frames, state.of_vertices
+            for name in ("augmented", "reached"):
+                vectors = getattr(state, name)
+                if vectors is None:
+                    continue
+                found = self._turned_with(vectors, before, now)
+                if known is not None and known.on_nodes is vectors:
+                    state.of_vertices = self._turned_at_vertices(known, before, now, found)
+                setattr(state, name, found)
         state.frames = now
+
+    def _turned_at_vertices(
+        self, known: OfVertices, before: Array, now: Array, on_nodes: Array
+    ) -> OfVertices | None:
+        """Rotate τ̂ of a tool's vertices with the slave there. Collective.
+
+        Args:
+            known: τ̂ of the vertices.
+            before: Earlier frames of the nodes, (nodes, gdim, gdim).
+            now: Present frames.
+            on_nodes: The rotated τ̂ of the nodes.
+        """
+        own = self.gap.own
+        if own is None:
+            return None
+        turns = self._at_points(np.einsum("nij,nkj->nik", now, before))
+        values = np.einsum("pij,pj->pi", turns, own.at_rows(known.at(own)))
+        return OfVertices(on_nodes, own.vertex, own.from_rows(values))
 
     def _turns(self) -> Array:
         """Rotation of the slave at the points since the step began. Collective.
@@ -577,14 +617,19 @@ class Slip:
         Returns:
             Matrices of shape (rows, gdim, gdim).
         """
-        state, rows, gdim = self.state, self.gap.rows, self.slave.gdim
+        state = self.state
         assert self._frames is not None and state.begun is not None and state.frames is not None
-        assert isinstance(rows, PointRows)
         if self._began is None or self._began[0] is not state.begun:
             self._began = state.begun, self._frames.at(state.begun[0])
         turns = np.einsum("nij,nkj->nik", state.frames, self._began[1])
+        return self._at_points(turns)
+
+    def _at_points(self, turns: Array) -> Array:
+        """Matrices of nodes interpolated to the points, (rows, gdim, gdim). Collective."""
+        rows, gdim = self.gap.rows, self.slave.gdim
+        assert isinstance(rows, PointRows)
         columns = [rows.from_nodes(c) for c in turns.reshape(len(turns), gdim * gdim).T]
-        return np.stack(columns, axis=1).reshape(len(self.cover), gdim, gdim)
+        return np.stack(columns, axis=1).reshape(self.gap.num_rows, gdim, gdim)
 
     def _turned_with(self, vectors: Array, before: Array, now: Array) -> Array:
         """Rotate vectors with the frames of their nodes; a row has those of all patches."""
@@ -844,8 +889,9 @@ class Slip:
         if isinstance(rows, PointRows):
             if self.state.reached is not None:
                 self.state.augmented = self.state.reached
-            of_nodes = self.tangential(rows.vectors_from_sides(self.state.augmented))
-            self.state.rest = traction - of_nodes
+            of_nodes = self.tangential(self.at_rows(self.state.augmented))
+            # Multipliers of vertices contain all of τ.
+            self.state.rest = traction - of_nodes if self.gap.own is None else 0.0 * traction
             if self.gap.following is not None:
                 assert self.state.begun is not None and self._normal is not None
                 at = self.gap.slip_at_points(self.state.begun)

@@ -23,6 +23,7 @@ from qsdolfinx.gap.following import (
     sides_of,
     sums_of_sides,
 )
+from qsdolfinx.gap.own_rows import FacedVertices
 from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
@@ -42,12 +43,15 @@ class Finder(typing.Protocol):
     Attributes:
         both: Whether the facets of both surfaces are segmented.
         are_own: As in :class:`Cutter`.
-        raised: Side whose facets may be replaced by a curved surface: 0 for the slave, 1 for the
+        of_tool: Vertices of a tool that have multipliers of their own, among the owned ones, and
+            their areas; None for other points.
+        raised: Side over whose facets there may be a curved surface: 0 for the slave, 1 for the
             master.
     """
 
     both: bool
     are_own: bool
+    of_tool: tuple[Indices, Array] | None
     raised: int
 
     def sides(self) -> Flags:
@@ -57,19 +61,19 @@ class Finder(typing.Protocol):
         """``GapState.vertices`` for surfaces at these positions. Collective."""
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
-        """Find the points at the present positions of the surfaces. Collective.
+        """Find the points for surfaces at these positions. Collective.
 
-        The second result is the normals of the curved surface that replaces facets of a body; None
-        for none.
+        The second result is the normals of the curved surface over facets of a body along whose
+        normals forces act; None for none.
         """
 
 
 class Overlay:
     """Segmentation of all facets that face each other; arguments as in :class:`FacetCutter`."""
 
-    are_own, raised = False, 1
+    are_own, of_tool, raised = False, None, 1
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
         self._slave, self.both, self._radius = slave, both, radius
@@ -84,7 +88,7 @@ class Overlay:
         return None
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         return _cpp.overlay_pieces(*surfaces, self.both, self._radius, *self._rules), None
@@ -118,6 +122,8 @@ class FacetCutter:
         self._slave, self._master = slave.cpp_object, master.cpp_object
         self._finder = finder
         self.are_own = finder.are_own
+        #: Whether the functions of multipliers do not change at the points.
+        self._are_constant = finder.are_own or finder.of_tool is not None
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._moved_to: Places | None = None
         self._known: Known | None = None
@@ -142,7 +148,10 @@ class FacetCutter:
         known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
         cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
-        return Found(cover, pieces, pieces.num_missed, known.normals)
+        own, vertices = self._finder.of_tool, None
+        if own is not None:
+            vertices = FacedVertices(*own, np.asarray(pieces.vertex))
+        return Found(cover, pieces, pieces.num_missed, known.normals, vertices)
 
     def _pieces(self, places: Places, vertices: Array | None) -> Known:
         """Segments for :meth:`find`; for unchanged positions those of the last call. Collective."""
@@ -150,7 +159,7 @@ class FacetCutter:
         if known is not None and known.places is places and known.vertices is vertices:
             return known
         self._put(places)
-        self._known = Known(places, vertices, *self._finder.pieces(self._moving, vertices))
+        self._known = Known(places, vertices, *self._finder.pieces(self._moving, places, vertices))
         return self._known
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -165,28 +174,8 @@ class FacetCutter:
 
     def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
         """See :class:`Cutter`."""
-        if self.are_own and found.normals is None:
-            return None
         operator = _cpp.GapOperator(self._master, moving=found.of_cutter, weight=alone.weight)
-        return Changes(operator, self._by_normals(found, operator.num_rows, markers))
-
-    def _by_normals(
-        self, found: Found, num_rows: int, markers: Vecs
-    ) -> tuple[int, PETSc.Mat] | None:
-        """Derivative of the gaps due to node normals that turn with their facets. Collective."""
-        if found.normals is None:
-            return None
-        side, comm = self._finder.raised, self._surfaces[0].comm
-        row = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
-        entries, vec = found.of_cutter.gaps_by_normals(), markers[side]
-        assert vec is not None
-        entries = entries[0] + row.owner_range[0], *entries[1:]
-        of_gaps = new_matrix(row.getSizes(), vec.getSizes(), entries, comm)
-        turn = _but_for_held(found.normals.turn([entries]), None, vec)
-        out = of_gaps.matMult(turn)
-        for thing in (row, of_gaps, turn):
-            thing.destroy()
-        return side, out
+        return Changes(operator)
 
     def _add_turning(
         self,
@@ -258,10 +247,12 @@ class FacetCutter:
         turning: tuple[Array, int] | None,
     ) -> MovingFunctions | None:
         """See :class:`Cutter`."""
-        if self.are_own and turning is None:
+        if self._are_constant and turning is None:
             return None
         pieces = found.of_cutter
         handles = [handle_of(vec) for vec in markers]
+        if found.vertices is not None:  # tractions turn, with Σ_k N_k = 1
+            field, rest, moves = field.duplicate(), np.zeros_like(rest), False
         rest, component = np.ascontiguousarray(rest), 0
         vectors: Array = np.zeros((0, 3))
         if turning is not None:
@@ -275,8 +266,15 @@ class FacetCutter:
             functions=functions,
             weight=alone.weight,
         )
-        sides = [side for side, vec in enumerate(markers) if vec is not None]
-        return MovingFunctions(operator, [functions.entries(side) for side in sides])
+        mixed = [functions.entries(side) for side, vec in enumerate(markers) if vec is not None]
+        if found.vertices is not None:
+            field.destroy()
+            point = np.arange(len(found.vertices.found), dtype=np.int64)
+            mixed = [
+                (np.repeat(point, len(column) // max(len(point), 1)), column, value)
+                for _, column, value in mixed
+            ]
+        return MovingFunctions(operator, mixed)
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places

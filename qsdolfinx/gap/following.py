@@ -14,6 +14,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.own_rows import FacedVertices, OwnRows
 from qsdolfinx.gap.vertex_normals import NormalsThere
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.surface import Surface
@@ -58,19 +59,23 @@ class Found(typing.NamedTuple):
         num_missed: Segments on this rank with a ray that meets no point.
         normals: Normals of the curved surface that replaces facets opposite vertices; None if there
             is none.
+        vertices: For points at vertices of a tool, which have multipliers of their own, these
+            vertices; None for other points.
     """
 
     cover: Array
     of_cutter: typing.Any
     num_missed: int = 0
     normals: NormalsThere | None = None
+    vertices: FacedVertices | None = None
 
 
 class Alone(typing.NamedTuple):
     """Points without a partner, each with the multiplier of one smooth patch of a node.
 
     Attributes:
-        unknown: Global unknowns of the slave that represent these patches of owned nodes.
+        unknown: Global unknowns of the slave that represent these patches of owned nodes; −1 for
+            points with multipliers of their own.
         weight: Areas of the points.
         far: Open gap (length) of the points.
     """
@@ -128,7 +133,8 @@ class MovingFunctions(typing.NamedTuple):
         operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
         mixed: For each body, the derivative of Σ_p w_p r_p N_k due to the motion of functions and
             points: unknowns of the slave that represent patches of nodes, unknowns of the body (−1
-            at Dirichlet conditions), and values.
+            at Dirichlet conditions), and values. For points with multipliers of their own, the
+            points take the place of the first unknowns.
     """
 
     operator: _cpp.GapOperator
@@ -295,6 +301,7 @@ class Cut:
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
         alone: Points without a partner; they are the last of the points.
         carried: See :attr:`Following.carried`.
+        own: Multipliers of vertices of a tool; None for multipliers at nodes.
     """
 
     places: Places
@@ -304,6 +311,7 @@ class Cut:
     operator: _cpp.GapOperator
     alone: Alone
     carried: Flags | None
+    own: OwnRows | None = None
 
     @property
     def covered(self) -> Flags:
@@ -425,11 +433,17 @@ class Following:
         alone = self._alone(found, vertices, node_area)
         operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
-        self._last = Cut(places, vertices, node_area, found, operator, alone, self.carried)
+        own = None
+        if found.vertices is not None:
+            own = OwnRows.of(found.vertices, np.asarray(operator.row_area))
+        self._last = Cut(places, vertices, node_area, found, operator, alone, self.carried, own)
         return self._last
 
     def _alone(self, found: Found, vertices: Array | None, node_area: Array) -> Alone:
         """Points that keep multipliers regular where hardly anything is covered. Collective."""
+        if found.vertices is not None:
+            lost = found.vertices.lost
+            return Alone(np.full(len(lost), -1), found.vertices.area[lost], self.radius)
         slave, sides = self._slave, self._sides_of_nodes
         least: Array | float = LEAST_COVER
         if self.carried is not None and vertices is None:

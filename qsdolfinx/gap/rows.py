@@ -512,7 +512,11 @@ class PointRows(Rows):
         return np.asarray(np.take_along_axis(of_facets, sides, axis=2)[:, :, 0])
 
     def extension(
-        self, held: Flags, clamped: Flags, known: Extension | None = None
+        self,
+        held: Flags,
+        clamped: Flags,
+        known: Extension | None = None,
+        everywhere: bool = False,
     ) -> Extension | None:
         """Extension of multipliers of patches that are no unknowns; None without any.
 
@@ -520,12 +524,13 @@ class PointRows(Rows):
             held: Patches whose multipliers are no unknowns, shape (nodes, block).
             clamped: The patches among these whose multiplier is the mean of its neighbours.
             known: Another extension, to which this one is added.
+            everywhere: Whether patches count that are not covered at present.
         """
         if not self.slave.comm.allreduce(bool(held.any()), op=MPI.LOR):
             return known
         if known is not None:
             held, clamped = held | known.held, clamped | known.clamped
-        there = self.covered
+        there = self.covered | everywhere
         places, every = (
             [self.slave.node_dofs, self._corners[:, :, None]],
             slice(0, self.slave.block),

@@ -11,7 +11,6 @@ from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
-    Faceted,
     gathered,
     normals_at_vertices,
     sharp_nodes,
@@ -23,6 +22,7 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 #: Cosine of the angle (20°) by which the facets of a tool have to be inclined at a vertex that gets
 #: a point. A surface that a punch presses flat turns by less at the corner of the punch, and the
@@ -43,13 +43,14 @@ class Vertices:
         radius: Search distance: points farther away are not paired.
     """
 
-    both, are_own, raised = False, True, 1
+    both, are_own, of_tool, raised = False, True, None, 1
 
     def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
         self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
+        self._master = master
         self._is_rigid, self._facets = is_rigid(master), master.as_facets(slave.axisymmetric)
         self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
-        self._normals = normals_of(self._facets, self._sharp_there > 0.5)
+        self._normals = VertexNormals(self._facets, self._sharp_there > 0.5)
         x, _, nodes = slave.coordinates
         #: Signs that make normals computed from the facet vertices alone outward.
         self._signs: Array = np.sign(
@@ -86,7 +87,7 @@ class Vertices:
         return np.asarray(np.any(gathered(self._facets, self._sharp_there, dofs) < 0.5, axis=1))
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
@@ -94,15 +95,15 @@ class Vertices:
         area = np.ascontiguousarray(vertices[:, 0])
         which = (area > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*surfaces, False, which, area, self._radius)
-        normals = raise_facets(out, self._normals, surfaces[1])
+        normals = raise_facets(out, self._normals, self._master.facet_positions(places[1]))
         return out, None if self._is_rigid else normals  # a tool's normals do not change
 
 
 class ToolVertices:
     """Points at vertices of a rigid tool on sharp edges, along the normals of the body's facets.
 
-    The tool has no multipliers. For these points, the nodes of the body have one more multiplier
-    each; the multiplier at a point is Σ_k λ_k N_k(ζ), wherever the point slides.
+    Each vertex has a multiplier of its own, wherever it slides: with multipliers of the body's
+    nodes, several would belong to one constraint. The nodes show means of these multipliers.
 
     Args:
         slave: The body's surface.
@@ -116,7 +117,7 @@ class ToolVertices:
         self._slave, self._tool, self._radius = slave, tool, radius
         self._facets = tool.as_facets(slave.axisymmetric)
         self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
-        self._normals = normals_of(slave, self._sharp_there)
+        self._normals = VertexNormals(slave, self._sharp_there)
         x = self._facets.coordinates[0]
         #: Signs that make normals computed from the tool's vertices alone outward.
         self._signs: Array = np.sign(
@@ -125,6 +126,9 @@ class ToolVertices:
         count = slave.comm.allreduce(len(slave.node_area))
         #: Areas of the vertices: the mean area of a node of the body.
         self._area: Array = np.full(len(self._sharp), slave.area / count)
+        some = np.flatnonzero(self._sharp).astype(np.int64)
+        #: See :class:`Finder`.
+        self.of_tool: tuple[Indices, Array] = some, self._area[some]
 
     def sides(self) -> Flags:
         """See :class:`Finder`: one patch for each node."""
@@ -146,39 +150,28 @@ class ToolVertices:
         return out
 
     def pieces(
-        self, surfaces: Twins, vertices: Array | None
+        self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
         assert vertices is not None
         surfaces[1].measure_nodes()
         which = (vertices[:, 0] > 0).astype(np.uint8)
         out = _cpp.vertex_pieces(*surfaces, True, which, self._area, self._radius)
-        return out, raise_facets(out, self._normals, surfaces[0])
+        return out, raise_facets(out, self._normals, places[0])
 
 
-def normals_of(facets: Faceted, sharp: Flags) -> VertexNormals | None:
-    """Averaged vertex normals of a surface; None for degree 2, whose normals do not change."""
-    if facets.degree > 1:
-        return None
-    return VertexNormals(facets, sharp)
+def raise_facets(pieces: _cpp.Pieces, normals: VertexNormals, x: Array) -> NormalsThere:
+    """Let forces act along the normals of a surface without kinks between facets. Collective.
 
-
-def raise_facets(
-    pieces: _cpp.Pieces, normals: VertexNormals | None, moved: _cpp.Surface
-) -> NormalsThere | None:
-    """Replace facets that vertices face by a surface without kinks between facets. Collective.
-
-    A vertex that rests where facets meet then has no facet to choose. Normals are those of the
-    present position of the surface.
+    A vertex that rests where facets meet would otherwise be pushed along the normal of one facet,
+    then along that of the other.
 
     Args:
         pieces: The points.
-        normals: Averaged vertex normals of the surface.
-        moved: The surface in its present position.
+        normals: Averaged vertex normals of the surface that vertices face.
+        x: Positions of the nodes of its facets, (facets, nodes, 3).
     """
-    if normals is None:
-        return None
-    there = normals.at(np.asarray(moved.facet_x))
+    there = normals.at(x)
     vec = there.vec()
     pieces.raise_facets(vec.handle)
     vec.destroy()

@@ -28,6 +28,7 @@ from qsdolfinx.gap.following import (
 )
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
 from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
 from qsdolfinx.gap.tie import Tie
@@ -73,6 +74,8 @@ class GapState:
         vertices: For points at vertices, their areas at the patches of owned nodes that have a
             point, 0 at other patches, (nodes, block). They stay as they were when the vertices were
             chosen, because multipliers are per these areas. None for points on facets.
+        of_vertices: Multipliers λ̂ of a tool's vertices, of which ``augmented`` has means at nodes;
+            None if they are not known, or for other points.
         conductance: h of the constraints for a conductance law; None for other laws.
         closed: With constraints at points, the part in contact of the covered area of each patch of
             an owned node at the last solution, (nodes, gdim); None before any.
@@ -90,6 +93,7 @@ class GapState:
     turned: Turned | None = None
     base: Places | None = None
     vertices: Array | None = None
+    of_vertices: OfVertices | None = None
     conductance: Array | None = None
     closed: Array | None = None
     memory: LawMemory = dataclasses.field(default_factory=LawMemory)
@@ -198,6 +202,11 @@ class WeightedGap:
         """Derivative of the gaps, where they are linear or at the last evaluation."""
         turned = self.state.turned
         return self._own if turned is None else turned.operator
+
+    @property
+    def own(self) -> OwnRows | None:
+        """Multipliers of a tool's vertices at the last evaluation; None for those at nodes."""
+        return None if self.cut is None else self.cut.own
 
     @property
     def is_linear(self) -> bool:
@@ -417,9 +426,19 @@ class WeightedGap:
         assert self.following is not None and state.base is not None
         scale = state.scale[0] * kept[0], state.scale[1] * kept[1]
         state.vertices = self.following.choose(self.following.places(state.base, u, scale))
-        if before is not None and state.vertices is not None and self.following.points_are_own:
-            bears = (state.augmented > 0) & (before > 0)
+        if before is not None and state.vertices is not None:
+            bears = self._bear() & (before > 0)
             state.vertices = np.where(bears, before, state.vertices)
+
+    def _bear(self) -> Flags:
+        """Vertices with a multiplier that carry a force, in the shape of ``GapState.vertices``."""
+        state, known = self.state, self.state.of_vertices
+        if self.own is None or state.vertices is None:
+            return np.asarray(state.augmented > 0)
+        out = np.zeros(state.vertices.shape, dtype=bool)
+        if known is not None and known.on_nodes is state.augmented:
+            out[known.vertex] = known.values > 0
+        return out
 
     def choose_vertices(self) -> bool:
         """Give points to vertices that need them at the last evaluation. Collective.
@@ -614,8 +633,17 @@ class WeightedGap:
         if not isinstance(self.rows, PointRows):
             return augmented
         if self._at_rows[0] is not augmented:
-            self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
+            own, known = self.own, self.state.of_vertices
+            if own is not None and known is not None and known.on_nodes is augmented:
+                self._at_rows = augmented, own.at_rows(known.at(own))
+            else:
+                self._at_rows = augmented, self.rows.from_sides(augmented)[:, None]
         return self._at_rows[1]
+
+    @property
+    def augmented_at_rows(self) -> Array:
+        """λ̂ at the constraints, (rows, width). Collective."""
+        return self._augmented_at_rows()
 
     # --- The law, with its history variables
 

@@ -14,6 +14,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Destination, MovingFunctions
 from qsdolfinx.gap.laws import Unilateral
+from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.normal_rows import Normal, Scales
@@ -26,6 +27,10 @@ Flags = npt.NDArray[np.bool_]
 #: motions. The first is the largest, used far from a solution, where almost redundant multipliers
 #: would be huge. The second is the smallest, used near a solution.
 PROXIMAL, LEAST_PROXIMAL = 1e-5, 1e-10
+
+#: Part of the functions at a vertex of a tool that belongs to nodes held on both sides, from which
+#: on no multiplier can close its gap.
+ALL_HELD = 1 - 1e-6
 
 #: Active part of the covered support of a node above which points beside it start active.
 MOST = 0.5
@@ -189,7 +194,8 @@ class PointConstraints(CondensedRows):
     that is about as soft as the bodies has γ = ε and no multipliers. A user's law has p_p =
     φ'(y_p/γ). A node has a multiplier for each of its smooth patches. Multipliers that are
     redundant because of conditions on both sides, or whose support is hardly covered by points, are
-    condensed: they have the mean of their neighbours, λ = E λ_free, and R_λ belongs to λ_free.
+    condensed: they have the mean of their neighbours, λ = E λ_free, and R_λ belongs to λ_free. A
+    vertex of a tool has one multiplier: N is then the identity.
 
     Arguments as for :class:`CondensedRows`; the constraints are at points.
     """
@@ -201,7 +207,7 @@ class PointConstraints(CondensedRows):
         self.gamma: float = model.eps
         self._has: bool = model.has_multipliers_at_points
         #: E, or None where λ_free is all of λ; and the smooth patches of owned nodes whose
-        #: multipliers are unknowns, (nodes, block).
+        #: multipliers are unknowns, (nodes, block), or the vertices of a tool, (vertices, 1).
         self.extension: Extension | None
         self.free: Flags
         self.extension, self.free = self._found()
@@ -210,10 +216,24 @@ class PointConstraints(CondensedRows):
 
     def _found(self) -> tuple[Extension | None, Flags]:
         """E, and the patches with free multipliers, at the last evaluation. Collective."""
+        if self.gap.own is not None:
+            return None, self._free_vertices(self.gap.own) & self._has
         covered = self._points.covered
         extension = self._points.extended(self.gap.extension)
         held = np.zeros_like(covered) if extension is None else extension.held
         return extension, covered & ~held & self._has
+
+    def _free_vertices(self, own: OwnRows) -> Flags:
+        """Vertices of a tool that do not face nodes held on both sides, (vertices, 1). Collective.
+
+        Args:
+            own: Multipliers of the vertices.
+        """
+        held, out = self.gap.extension, np.ones((own.num_multipliers, 1), dtype=bool)
+        if held is not None:
+            of_points = self._points.from_sides(held.held.astype(np.float64))
+            out[:, 0] = own.from_rows(of_points) < ALL_HELD
+        return out
 
     def has_others(self) -> bool:
         """Whether other patches have multipliers after an update of the geometry. Collective."""
@@ -252,20 +272,35 @@ class PointConstraints(CondensedRows):
         """Unknowns λ on this rank."""
         return int(np.count_nonzero(self.free))
 
-    def on_sides(self, multiplier: Array) -> Array:
-        """Multipliers E λ_free at all smooth patches of owned nodes, (nodes, block). Collective."""
+    def _spread(self, multiplier: Array) -> Array:
+        """λ_free, and 0 where λ is no unknown, in the shape of ``free``."""
         out = np.zeros(self.free.shape)
         out[self.free] = multiplier[:, 0]
+        return out
+
+    def on_sides(self, multiplier: Array) -> Array:
+        """Multipliers E λ_free at all smooth patches of owned nodes, (nodes, block). Collective.
+
+        Those of vertices of a tool are shown by means.
+        """
+        out, points = self._spread(multiplier), self._points
+        if self.gap.own is not None:
+            sums, cover = points.sums(self.gap.own.at_rows(out)[:, 0]), points.cover_of_sides
+            return np.divide(sums, cover, out=np.zeros_like(sums), where=points.covered)
         return out if self.extension is None else self.extension.fill(out)
 
     def at_points(self, multiplier: Array) -> Array:
         """Multiplier λ_h at the points, (points, 1). Collective."""
         if not self._has:
             return np.zeros((self.gap.num_rows, 1))
+        if self.gap.own is not None:
+            return self.gap.own.at_rows(self._spread(multiplier))
         return self._points.from_sides(self.on_sides(multiplier))[:, None]
 
     def gathered(self, values: Array) -> Array:
         """Eᵀ Nᵀ W applied to values at points, in the shape of λ_free. Collective."""
+        if self.gap.own is not None:
+            return np.asarray(self.gap.share * self.gap.own.sums(values)[:, None][self.free, None])
         sums = self.gap.share * self._points.sums(values)
         if self.extension is not None:
             sums = self.extension.gather(sums)
@@ -279,8 +314,11 @@ class PointConstraints(CondensedRows):
     # --- Evaluation
 
     def first(self) -> Array:
-        """First guess of λ, from the last solve."""
-        return np.asarray(self.gap.state.augmented[self.free][:, None] / self.part)
+        """First guess of λ, from the last solve. Collective."""
+        known = self.gap.state.augmented
+        if self.gap.own is not None:
+            known = self.gap.own.from_rows(self.gap.augmented_at_rows)
+        return np.asarray(known[self.free][:, None] / self.part)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """Evaluate gaps and y at the points, and find the active points. Collective."""
@@ -352,7 +390,11 @@ class PointConstraints(CondensedRows):
         if self._has:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
             # Where nothing is active, λ is rounding, and the next solve starts without multipliers.
-            state.augmented = self.known(at.multiplier if some else 0.0 * at.multiplier)
+            known = at.multiplier if some else 0.0 * at.multiplier
+            state.augmented, own = self.known(known), self.gap.own
+            if own is not None:
+                values = self.part * self._spread(known)
+                state.of_vertices = OfVertices(state.augmented, own.vertex, values)
         closed = self._points.sums(at.active.astype(np.float64))
         state.closed = np.divide(closed, cover, out=np.zeros_like(cover), where=cover > 0)
 

@@ -13,8 +13,9 @@ from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Changes, MovingFunctions
+from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
-from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
+from qsdolfinx.system.condensed_rows import ALL_HELD, LEAST_PROXIMAL
 from qsdolfinx.system.friction_rows import Tangential
 from qsdolfinx.system.normal_rows import Normal, Scales
 
@@ -71,7 +72,7 @@ class PointFriction:
         #: Matrix E of each component; None where τ_free is all of τ.
         self.extensions: list[Extension | None] = self._extended() if self.has_unknowns else []
         #: Components that are unknowns, for the smooth patches of owned nodes, (nodes, block,
-        #: gdim).
+        #: gdim), or for vertices of a tool, (vertices, 1, gdim).
         self.free: Flags = self._found()
 
     @property
@@ -83,6 +84,8 @@ class PointFriction:
     def _extended(self) -> list[Extension | None]:
         """Condensation of constrained and hardly covered components. Collective."""
         held, points = self.slip.held, self._points
+        if self.slip.gap.own is not None:
+            return [None] * self._gdim
         if not self.model.comm.allreduce(held is not None, op=MPI.LOR):
             return [points.extended(None)] * self._gdim
         none = np.zeros((len(points.covered), self._gdim), dtype=bool)
@@ -97,6 +100,15 @@ class PointFriction:
         ]
 
     def _found(self) -> Flags:
+        own, held = self.slip.gap.own, self.slip.held
+        if own is not None:
+            free = np.full((own.num_multipliers, 1, self._gdim), self.has_unknowns)
+            if self.model.comm.allreduce(held is not None, op=MPI.LOR):
+                none = np.zeros((len(self._points.cover), self._gdim))
+                flags = none if held is None else held.components.astype(np.float64)
+                of_points = [self._points.from_nodes(flags[:, k]) for k in range(self._gdim)]
+                free[:, 0] &= own.from_rows(np.column_stack(of_points)) < ALL_HELD
+            return free
         covered = self._points.covered
         shape = *covered.shape, self._gdim
         if not self.has_unknowns:
@@ -112,10 +124,23 @@ class PointFriction:
         """Shape of the unknowns τ of this rank."""
         return int(np.count_nonzero(self.free)), 1
 
-    def on_sides(self, multiplier: Array) -> Array:
-        """Multipliers E τ_free at all patches of owned nodes, (nodes, block · gdim). Collective."""
+    def _spread(self, multiplier: Array) -> Array:
+        """τ_free, and 0 where τ is no unknown, in the shape of ``free``."""
         out = np.zeros(self.free.shape)
         out[self.free] = multiplier[:, 0]
+        return out
+
+    def on_sides(self, multiplier: Array) -> Array:
+        """Multipliers E τ_free at all patches of owned nodes, (nodes, block · gdim). Collective.
+
+        Those of vertices of a tool are shown by means.
+        """
+        out, points = self._spread(multiplier), self._points
+        if self.slip.gap.own is not None:
+            sums = points.sums_of_vectors(self.slip.gap.own.at_rows(out[:, 0]))
+            cover = np.repeat(points.cover_of_sides, self._gdim, axis=1)
+            covered = np.repeat(points.covered, self._gdim, axis=1)
+            return np.divide(sums, cover, out=np.zeros_like(sums), where=covered)
         for k, extension in enumerate(self.extensions):
             if extension is not None:
                 out[:, :, k] = extension.fill(out[:, :, k])
@@ -125,12 +150,18 @@ class PointFriction:
         """Multiplier τ_h at the points, (points, gdim). Collective."""
         if not self.has_unknowns:
             return np.zeros((self.slip.gap.num_rows, self._gdim))
+        if self.slip.gap.own is not None:
+            return self.slip.gap.own.at_rows(self._spread(multiplier)[:, 0])
         return self._points.vectors_from_sides(self.on_sides(multiplier))
 
     def gathered(self, values: Array) -> Array:
         """Eᵀ Nᵀ W applied to values at points, in the shape of τ_free. Collective."""
         if not self.has_unknowns:
             return np.zeros((0, 1))
+        own = self.slip.gap.own
+        if own is not None:
+            sums = self.slip.gap.share * own.sums(values)
+            return np.asarray(sums[:, None][self.free][:, None])
         sums = self.slip.gap.share * self._points.sums_of_vectors(values)
         sums = sums.reshape(self.free.shape)
         for k, extension in enumerate(self.extensions):
@@ -146,11 +177,13 @@ class PointFriction:
     # --- Evaluation
 
     def first(self) -> Array:
-        """First guess of τ, from the last solve."""
+        """First guess of τ, from the last solve. Collective."""
         if not self.has_unknowns:
             return np.zeros((0, 1))
         state = self.slip.state
         known = state.augmented if state.reached is None else state.reached
+        if self.slip.gap.own is not None:
+            known = self.slip.gap.own.from_rows(self.slip.at_rows(known))
         return np.asarray(known.reshape(self.free.shape)[self.free][:, None])
 
     def evaluate(
@@ -250,7 +283,10 @@ class PointFriction:
         state = self.slip.state
         if self.has_unknowns:
             some = self.model.comm.allreduce(bool(at.active.any()), op=MPI.LOR)
-            found = self.on_sides(at.multiplier if some else 0.0 * at.multiplier)
+            known = at.multiplier if some else 0.0 * at.multiplier
+            found, own = self.on_sides(known), self.slip.gap.own
+            if own is not None:
+                state.of_vertices = OfVertices(found, own.vertex, self._spread(known)[:, 0])
             if self.model.augmented:
                 state.augmented = found
             else:
@@ -278,7 +314,8 @@ class PointFriction:
         gap = self.slip.gap
         if not self.has_unknowns or gap.following is None:
             return None
-        of_sides = self.on_sides(at.multiplier).reshape(self.free.shape)
+        of_sides = self.on_sides(at.multiplier)
+        of_sides = of_sides.reshape(len(of_sides), self.slip.slave.block, self._gdim)
         turning = np.asarray(at.traction / self.gamma, dtype=np.float64)
         rest = turning - self.seen(at.multiplier) / self.gamma
         found = [

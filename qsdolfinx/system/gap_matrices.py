@@ -74,7 +74,7 @@ class Moving(typing.NamedTuple):
     Attributes:
         rows: Its derivative at the constraints.
         mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k, or this sum for τ. Rows are unknowns of the slave that
-            represent the smooth patches of nodes.
+            represent the smooth patches of nodes, or constraints at vertices of a tool.
     """
 
     rows: Gaps
@@ -184,6 +184,12 @@ class GapMatrices:
     ) -> Entries:
         """Derivatives of R_λ or R_τ by the motion of nodal functions. Collective."""
         rows, friction, mixed = self._rows, self._friction, moving.mixed
+        if rows.gap.own is not None:
+            assert friction is not None  # λ is constant at vertices
+            free, own = self._of_component(friction, component - 1, numbers[1])
+            number = _number_of(free, own)[rows.gap.own.place[mixed.row]]
+            some = (number >= 0) & (mixed.column >= 0)
+            return Entries(number[some], mixed.column[some], mixed.value[some])
         if component == 0:
             assert isinstance(rows, PointConstraints)
             extended = self._extended(rows.free, numbers[0], rows.extension)
@@ -238,6 +244,11 @@ class GapMatrices:
 
     def _times_sides(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
         """N E as a new matrix. Collective."""
+        place = None if self._rows.gap.own is None else self._rows.gap.own.place
+        if place is not None:
+            row, column = np.arange(len(place), dtype=np.int64), _number_of(free, numbers)[place]
+            own = Entries(row, column, np.ones(len(place)))
+            return own.matrix(len(place), self._num, self._comm)
         sides, mat = self._of_sides(), self._extended(free, numbers, extension)
         out = sides.matMult(mat)
         for thing in (sides, mat):
@@ -341,6 +352,13 @@ def _beside(D: Array, own: Array) -> Array:
     out[:, :num, :num] = D
     k = np.arange(num)
     out[:, num + k, num + k] = own
+    return out
+
+
+def _number_of(free: Flags, numbers: Indices) -> Indices:
+    """Numbers of the multipliers of a tool's vertices, −1 for those that are no unknowns."""
+    out = np.full(free.size, -1, dtype=np.int64)
+    out[free.ravel()] = numbers
     return out
 
 
