@@ -73,7 +73,8 @@ class Slid(typing.NamedTuple):
 
     Attributes:
         slip: Mean slip in the step (length): the part of the relative displacement that dissipates
-            energy, along the surfaces, (rows, gdim). 0 for constraints without contact.
+            energy, along the surfaces, (rows, gdim). For constraints that open in the step it is
+            the slip until they open; it is 0 for others without contact.
         traction: τ at the end of the step (stress), (rows, gdim).
         energy: Energy per area that the step has dissipated, (rows,).
     """

@@ -90,10 +90,10 @@ class LawMemory:
         """The history variables, known at these constraints. Collective."""
         if not self.first or self.rows is rows:
             return self
-        known = {
-            name: np.clip(rows.from_patches(values), *self.limits[name])
-            for name, values in self.start.items()
-        }
+        known = {}
+        for name, values in self.start.items():
+            low, high = self.limits[name]
+            known[name] = np.clip(rows.from_patches(values), low, high)
         return dataclasses.replace(self, known=_locked(known), rows=rows)
 
     def after(self, rows: Rows, found: typing.Mapping[str, Array]) -> LawMemory:
