@@ -773,7 +773,12 @@ class Slip:
     def set_augmented_on_nodes(self, values: Array) -> None:
         """Restore values of :meth:`augmented_on_nodes`."""
         rows, values = self.gap.rows, np.array(values, dtype=np.float64)
-        self.state.augmented = rows.from_sides(values) if isinstance(rows, NodeRows) else values
+        known = self.state.of_vertices
+        if isinstance(rows, NodeRows):
+            values = rows.from_sides(values)
+        elif known is not None:
+            values = known.recognised(values, self.slave.comm)
+        self.state.augmented = values
 
     def turn_augmented(self) -> None:
         """Rotate τ̂ into the tangent planes, unless constraints are at points."""

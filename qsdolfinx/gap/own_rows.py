@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
@@ -93,6 +95,11 @@ class OfVertices(typing.NamedTuple):
     on_nodes: Array
     vertex: Indices
     values: Array
+
+    def recognised(self, on_nodes: Array, comm: MPI.Intracomm) -> Array:
+        """Multipliers at nodes, or the equal ones to which these belong. Collective."""
+        same = comm.allreduce(np.array_equal(on_nodes, self.on_nodes), op=MPI.LAND)
+        return self.on_nodes if same else on_nodes
 
     def at(self, own: OwnRows) -> Array:
         """Multipliers of those vertices, 0 where nothing is known, (multipliers, components)."""

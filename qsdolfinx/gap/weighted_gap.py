@@ -712,7 +712,10 @@ class WeightedGap:
             self.state.augmented = rows.from_sides(values)
             return
         block = self.slave.block
-        self.state.augmented = np.ascontiguousarray(values[:, :block])
+        augmented, known = np.ascontiguousarray(values[:, :block]), self.state.of_vertices
+        if known is not None:
+            augmented = known.recognised(augmented, self.slave.comm)
+        self.state.augmented = augmented
         self.state.closed = np.ascontiguousarray(values[:, block:])
 
     def carry(self, meshes: bool) -> None:

@@ -16,10 +16,12 @@ TWO_CORNERS = [[-0.6, 0.6], [-0.05, 0.0], [0.0, 0.1], [0.05, 0.0], [0.6, 0.6]]
 class Pressed:
     """Box below a tool with corners at y = 0, whose middle is between two nodes of the box."""
 
-    def __init__(self, degree, cell="quadrilateral", corners=RIGHT_ANGLE, **contact):
-        self.body = Body(box(WORLD, (8, 4), cell, [-1.0, -1.0], [1.0, 0.0]), degree=degree)
+    def __init__(
+        self, degree, cell="quadrilateral", corners=RIGHT_ANGLE, n=8, middle=0.1, **contact
+    ):
+        self.body = Body(box(WORLD, (n, n // 2), cell, [-1.0, -1.0], [1.0, 0.0]), degree=degree)
         self.body.clamp(plane(self.body.mesh, 1, -1.0))
-        self.start = np.add(corners, [0.1, 0.0])
+        self.start = np.add(corners, [middle, 0.0])
         ends = [[i, i + 1] for i in range(len(corners) - 1)]
         self.tool = qs.RigidSurface.triangulated(WORLD, self.start, ends)
         options = {"sliding": "finite", "constraints": "points"} | contact
@@ -106,6 +108,26 @@ def test_dragged_and_lifted(degree, mu):
         assert np.all(np.isfinite(scene.body.u.x.array))
     assert not np.any(scene.contact.force("slave"))
     assert largest(scene.body.u.x.array) < 1e-10
+
+
+@pytest.mark.parametrize(("degree", "depth"), ((1, 0.3), (2, 0.8)))
+def test_steps(degree, depth):
+    """A corner below which facets turn as far as its sides keeps its point, and is dragged on.
+
+    Formerly no step was small enough: the corner lost its point, or facets of degree 2 had kinks.
+    """
+    scene = Pressed(degree, n=16, middle=-0.4)
+    size = SIZE / 2
+
+    def drive(t, dt):
+        way = [2.5 * size, 0.0] if t > 1.01 else [0.0, -depth * size]
+        scene.tool.displacement = np.multiply(way, dt)
+
+    stepper = qs.TimeStepper(scene.problem, 0.1, drive, dt_max=0.1)
+    for _ in stepper.run(1.4):
+        assert largest(scene.contact.model.of_vertices[-1].state.values[:1]) < 1e-8 * size
+    assert stepper.num_cutbacks == 0
+    assert max(step.iterations for step in stepper.log) <= 15
 
 
 @pytest.mark.parallel
