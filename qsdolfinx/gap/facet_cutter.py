@@ -51,8 +51,11 @@ class Finder(typing.Protocol):
 
     both: bool
     are_own: bool
-    of_tool: tuple[Indices, Array] | None
     raised: int
+
+    @property
+    def of_tool(self) -> tuple[Indices, Array] | None:
+        """See above."""
 
     def sides(self) -> Flags:
         """Smooth patches of owned nodes of the slave that may have multipliers. Collective."""
@@ -148,10 +151,10 @@ class FacetCutter:
         known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
         cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
-        own, vertices = self._finder.of_tool, None
+        own, faced = self._finder.of_tool, None
         if own is not None:
-            vertices = FacedVertices(*own, np.asarray(pieces.vertex))
-        return Found(cover, pieces, pieces.num_missed, known.normals, vertices)
+            faced = FacedVertices(*own, np.asarray(pieces.vertex))
+        return Found(cover, pieces, pieces.num_missed, known.normals, faced)
 
     def _pieces(self, places: Places, vertices: Array | None) -> Known:
         """Segments for :meth:`find`; for unchanged positions those of the last call. Collective."""
