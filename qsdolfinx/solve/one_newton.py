@@ -14,8 +14,8 @@ from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
+from qsdolfinx.solve.no_progress import Progress
 from qsdolfinx.solve.onset import Onset, vectors_of
-from qsdolfinx.solve.progress import Progress
 from qsdolfinx.solve.snes import NO_PROGRESS, NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
 from qsdolfinx.system.equations import Equations

@@ -8,7 +8,7 @@ from following import Body, problem_of
 from scenes import WORLD, box, plane
 
 import qsdolfinx as qs
-from qsdolfinx.solve.progress import MOST_RISES, Progress
+from qsdolfinx.solve.no_progress import MOST_RISES, Progress
 
 
 def progress_of(merits, sets=None, steps=None):
