@@ -448,6 +448,8 @@ class Following:
         least: Array | float = LEAST_COVER
         if self.carried is not None and vertices is None:
             least = np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
+        if vertices is not None:  # their areas do not change, so these parts must not either
+            node_area = slave.node_area
         missing = least * sides * node_area[:, None] - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)

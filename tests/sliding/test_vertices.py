@@ -69,7 +69,7 @@ def test_derivative(cell, swapped, friction):
     Facets opposite are curved between the normals at their nodes, which all facets there rotate.
     """
     scene = OnCorner(cell, 0.02, swapped, friction=friction)
-    assert error_at_vertices(scene.problem) < 1e-6
+    assert error_at_vertices(scene.problem) < 1e-8
 
 
 def error_at_vertices(problem):
@@ -107,7 +107,7 @@ def test_derivative_below_a_tool(cell, degree, friction):
     x = np.array([[-0.3, 0.4], [0.0, -0.02], [0.3, 0.4]])
     tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]])
     contact = qs.Contact(body.side(1, 0.0), tool, **FINITE, friction=friction)
-    assert error_at_vertices(problem_of([body], [contact])) < 1e-7
+    assert error_at_vertices(problem_of([body], [contact])) < 1e-8
 
 
 @pytest.mark.parametrize("swapped", (False, True))
@@ -229,7 +229,7 @@ def test_derivative_before_a_tip(cell):
     def of_tip(values):
         return np.concatenate([equations.bodies_of(values), equations.layout.part(values, 2)])
 
-    assert errors(equations, z, scale, of=of_tip) < 1e-7
+    assert errors(equations, z, scale, of=of_tip) < 1e-8
 
 
 @pytest.mark.parametrize(("cell", "mu"), (("triangle", 0.0), ("quadrilateral", 0.3)))
