@@ -36,7 +36,7 @@ from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
-from qsdolfinx.pairing.facets import has_creases
+from qsdolfinx.pairing.facets import SharpNodes, has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.surface.itself import boundary_of
@@ -302,4 +302,5 @@ def _settings(chosen: Chosen) -> Settings:
         float(a.gap_tolerance),
         a.sliding,
         (has_creases(slave, at_points), has_creases(master, at_points)),
+        tuple(SharpNodes.of(s) if at_points and s.bodies else None for s in (slave, master)),
     )

@@ -14,6 +14,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
@@ -168,7 +169,9 @@ def held_nodes(model: ContactModel) -> list[Flags]:
     """Owned nodes with tension by a law with history, at the last evaluation. Collective."""
     if not (model.law.memory and model.is_evaluated):
         return []
-    found = [gap.rows.on_nodes(gap.multiplier(model.eps), 0.0) for gap in model.gaps]
+    with collective_errors(model.comm):  # the law is user code
+        at_rows = [gap.multiplier(model.eps) for gap in model.gaps]
+    found = [gap.rows.on_nodes(x, 0.0) for gap, x in zip(model.gaps, at_rows, strict=True)]
     return [np.any(values.astype(np.float64) < 0, axis=1) for values in found]
 
 

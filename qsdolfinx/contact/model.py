@@ -31,6 +31,7 @@ from qsdolfinx.gap.vertex_points import ToolVertices, Vertices
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.crossings import EdgesRole, pair_edges
 from qsdolfinx.pairing.edges import edges_of
+from qsdolfinx.pairing.facets import SharpNodes
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.points import Pairing
 from qsdolfinx.pairing.relief import check_curved
@@ -73,6 +74,8 @@ class Settings:
         sliding: ``"small"`` or ``"finite"``; with the latter, the geometry of contact is updated.
         sharp: Whether vertices at sharp edges of the slave, and of the master, have their own
             contact pairs; see :func:`pair_vertices`.
+        sharp_nodes: Sharp vertices of the slave, and of the master, when the contact was created;
+            None for a rigid tool. What is sharp must not depend on when contact is detected.
     """
 
     slave: Surface
@@ -86,6 +89,7 @@ class Settings:
     gap_tolerance: float
     sliding: str = "small"
     sharp: tuple[bool, bool] = (False, False)
+    sharp_nodes: tuple[SharpNodes | None, SharpNodes | None] = (None, None)
 
     @property
     def type(self) -> ContactType:
@@ -345,13 +349,16 @@ def _following(
     if not follows(settings.sliding, settings.law):
         return None
     degree = settings.sampling.degree
+    sharp = settings.sharp_nodes
+    if slave is not settings.slave:
+        sharp = sharp[::-1]
     cutter: Cutter
     if is_shape(master):
         cutter = ShapePoints(slave, master, radius.largest, None if vertices_of else degree)
     elif vertices_of == "tool":
-        cutter = FacetCutter(slave, master, ToolVertices(slave, master, radius))
+        cutter = FacetCutter(slave, master, ToolVertices(slave, master, radius, sharp[0]))
     elif vertices_of == "slave":
-        cutter = FacetCutter(slave, master, Vertices(slave, master, radius))
+        cutter = FacetCutter(slave, master, Vertices(slave, master, radius, sharp))
     else:
         # Points of the slave's facets sample all of a tool's shape.
         both = settings.formulation == "quasi-symmetric" and not is_rigid(master)

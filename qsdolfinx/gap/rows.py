@@ -460,9 +460,12 @@ class PointRows(Rows):
         return self._read(vec)
 
     def least_from_sides(self, values: Array) -> Array:
-        """The least value of the patches in whose support a point is, shape (rows,)."""
+        """The least value of the patches in whose support a point is, or ∞, shape (rows,)."""
         offset, found = self.operator.functions[0], self._at_functions(values)
-        return np.minimum.reduceat(found, offset[:-1]) if len(found) else np.zeros(0)
+        some, out = np.diff(offset) > 0, np.full(len(offset) - 1, np.inf)
+        if some.any():
+            out[some] = np.minimum.reduceat(found, offset[:-1][some])
+        return out
 
     def _at_functions(self, values: Array) -> Array:
         """Values of the patches of owned nodes, for each entry of ``operator.functions``."""

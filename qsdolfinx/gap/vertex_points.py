@@ -11,6 +11,7 @@ from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
 from qsdolfinx.pairing.facets import (
+    SharpNodes,
     gathered,
     normals_at_vertices,
     sharp_nodes,
@@ -41,15 +42,25 @@ class Vertices:
         slave: Surface that carries the multiplier.
         master: The other surface.
         radius: Search distance: points farther away are not paired.
+        sharp: Sharp vertices of the slave and of the master, None for a rigid tool.
     """
 
     both, are_own, of_tool, raised = False, True, None, 1
 
-    def __init__(self, slave: Surface, master: AnySurface, radius: _cpp.SearchRadius) -> None:
-        self._slave, self._radius, self._sharp = slave, radius, sharp_nodes(slave)
+    def __init__(
+        self,
+        slave: Surface,
+        master: AnySurface,
+        radius: _cpp.SearchRadius,
+        sharp: tuple[SharpNodes | None, SharpNodes | None],
+    ) -> None:
+        of_slave, of_master = sharp
+        assert of_slave is not None
+        self._slave, self._radius, self._sharp = slave, radius, of_slave.sharp
         self._master = master
         self._is_rigid, self._facets = is_rigid(master), master.as_facets(slave.axisymmetric)
-        self._sharp_there = sharp_nodes(self._facets).astype(np.float64)
+        there = sharp_nodes(self._facets) if of_master is None else of_master.sharp
+        self._sharp_there = there.astype(np.float64)
         self._normals = VertexNormals(self._facets, self._sharp_there > 0.5)
         x, _, nodes = slave.coordinates
         #: Signs that make normals computed from the facet vertices alone outward.
@@ -109,23 +120,30 @@ class ToolVertices:
         slave: The body's surface.
         tool: The rigid tool, made of facets.
         radius: Search distance: points farther away are not paired.
+        sharp: Sharp vertices of the slave.
     """
 
     both, are_own, raised = True, False, 0
 
-    def __init__(self, slave: Surface, tool: AnySurface, radius: _cpp.SearchRadius) -> None:
+    def __init__(
+        self,
+        slave: Surface,
+        tool: AnySurface,
+        radius: _cpp.SearchRadius,
+        sharp: SharpNodes | None,
+    ) -> None:
+        assert sharp is not None
         self._slave, self._tool, self._radius = slave, tool, radius
         self._facets = tool.as_facets(slave.axisymmetric)
-        self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp_nodes(slave)
+        self._sharp, self._sharp_there = sharp_nodes(self._facets), sharp.sharp
         self._normals = VertexNormals(slave, self._sharp_there)
         x = self._facets.coordinates[0]
         #: Signs that make normals computed from the tool's vertices alone outward.
         self._signs: Array = np.sign(
             np.sum(unit_normals(x) * normals_at_vertices(self._facets), axis=2)
         )
-        count = slave.comm.allreduce(len(slave.node_area))
         #: Areas of the vertices: the mean area of a node of the body.
-        self._area: Array = np.full(len(self._sharp), slave.area / count)
+        self._area: Array = np.full(len(self._sharp), sharp.node_size)
         some = np.flatnonzero(self._sharp).astype(np.int64)
         #: See :class:`Finder`.
         self.of_tool: tuple[Indices, Array] = some, self._area[some]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import typing
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -30,6 +32,25 @@ def has_creases(surface: AnySurface, asked: bool) -> bool:
         return False
     sharp = sharp_nodes(surface.as_facets())
     return bool(surface.comm.allreduce(bool(sharp.any()), op=MPI.LOR))
+
+
+class SharpNodes(typing.NamedTuple):
+    """Sharp vertices of a surface where a contact was created, whatever is done to it afterwards.
+
+    Attributes:
+        sharp: See :func:`sharp_nodes`.
+        node_size: Mean area of a node.
+    """
+
+    sharp: Flags
+    node_size: float
+
+    @classmethod
+    def of(cls, surface: Faceted) -> SharpNodes:
+        """Those of a surface as it is now. Collective."""
+        area: Array = np.asarray(surface.node_area, dtype=np.float64)
+        whole = surface.comm.allreduce(np.array([area.sum(), len(area)]))
+        return cls(sharp_nodes(surface), float(whole[0] / max(whole[1], 1.0)))
 
 
 def sharp_nodes(surface: Faceted) -> Flags:

@@ -22,6 +22,7 @@ from qsdolfinx.steps.end_of_step import pair_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.stored_mesh import stored
 from qsdolfinx.steps.stored_points import load_points, stored_points
+from qsdolfinx.steps.stored_vertices import load_vertices, parts_at_vertices, stored_vertices
 from qsdolfinx.steps.tool_motion import ToolRate
 from qsdolfinx.surface.surface import Surface
 
@@ -165,6 +166,8 @@ def load_run(
             width = normals_of_nodes(slip).shape[1]
             normals = _read(slip.slave, of_nodes, _name(i, f"normal_{j}"), width)
             load_points(slip, normals, checkpoint, f"points_{i}_{j}")
+        for j, part, gap in parts_at_vertices(model):
+            load_vertices(part, gap, checkpoint, f"vertices_{i}_{j}")
     for place in stepper.ends():
         show_at(*place)
     return typing.cast(dict[str, typing.Any], values["user"])
@@ -251,12 +254,13 @@ def _at_points(model: ContactModel) -> list[int]:
 
 
 def _points(models: typing.Sequence[ContactModel]) -> dict[str, tuple[Indices, Array]]:
-    """Values of the points of slips, in addition to nodal values. Collective."""
-    return {
-        f"points_{i}_{j}": stored_points(model.slips[j])
-        for i, model in enumerate(models)
-        for j in _at_points(model)
-    }
+    """Values of points of slips and of a tool's vertices, beside nodal values. Collective."""
+    out = {}
+    for i, model in enumerate(models):
+        out |= {f"points_{i}_{j}": stored_points(model.slips[j]) for j in _at_points(model)}
+        for j, part, gap in parts_at_vertices(model):
+            out[f"vertices_{i}_{j}"] = stored_vertices(part, gap)
+    return out
 
 
 def _padded(values: Array, gdim: int) -> Array:

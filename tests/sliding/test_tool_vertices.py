@@ -1,5 +1,7 @@
 """Corners of faceted rigid tools in 2D with finite sliding: one multiplier for each corner."""
 
+import pathlib
+
 import numpy as np
 import pytest
 from following import Body, problem_of
@@ -138,3 +140,29 @@ def test_on_ranks(degree, known):
     for step in range(1, 4):
         scene.move(0.05 * step * SIZE, -0.1 * SIZE * step)
     assert abs(scene.contact.force("slave")[1] / known - 1) < 1e-8
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize(("degree", "mu"), ((1, 0.0), (1, 0.3), (2, 0.3)))
+def test_restart(degree, mu, tmp_path_factory):
+    """A run that is continued from a checkpoint has the forces of the run that went on."""
+    steppers, contacts = [], []
+    for _ in range(2):
+        scene = Pressed(degree, friction=qs.Coulomb(mu) if mu else None)
+
+        def drive(t, dt, tool=scene.tool):
+            way = [0.6 * SIZE, 0.0] if t > 1.01 else [0.0, -0.4 * SIZE]
+            tool.displacement = np.multiply(way, dt)
+
+        steppers.append(qs.TimeStepper(scene.problem, 0.25, drive, dt_max=0.25))
+        contacts.append(scene.contact)
+    for _ in steppers[0].run(1.5):
+        pass
+    folder = pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("run")), root=0)) / "state"
+    qs.save_run(steppers[0], folder)
+    qs.load_run(steppers[1], folder)
+    for _ in range(2):
+        forces = np.array([contact.force("slave") for contact in contacts])
+        assert largest(forces[1] - forces[0]) < 1e-8 * largest(forces[0])
+        for stepper in steppers:
+            stepper.step()

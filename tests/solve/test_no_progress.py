@@ -8,7 +8,7 @@ from following import Body, problem_of
 from scenes import WORLD, box, plane
 
 import qsdolfinx as qs
-from qsdolfinx.solve.no_progress import MOST_RISES, Progress
+from qsdolfinx.solve.no_progress import Progress
 
 
 def progress_of(merits, sets=None, steps=None):
@@ -47,15 +47,6 @@ def test_iterates_that_repeat():
 )
 def test_what_is_no_cycle(merits, sets):
     assert progress_of(merits, sets)[1] is None
-
-
-def test_rises():
-    """The run ends after the merit has risen many times without a new least value."""
-    up_and_down = [1.0, *(5.0, 2.0, 3.0, 1.5) * 10]
-    text, count = progress_of(up_and_down)
-    assert count == 2 * MOST_RISES and f"risen {MOST_RISES} times" in text
-    better = [m * 0.5 ** (k // 4) for k, m in enumerate(up_and_down)]
-    assert progress_of(better)[1] is None
 
 
 def test_text_of_a_run_that_is_late():
@@ -103,19 +94,18 @@ def test_error_says_why():
     top = body.clamp(plane(msh, 1, 1.0))
     floor = qs.RigidSurface.plane(WORLD, [0.0, 0.0], [0.0, 1.0])
     contact = qs.Contact(body.side(1, 0.0), floor, name="foot")
-    problem = problem_of([body], [contact])
+    problem = problem_of([body], [contact], petsc_options={"snes_max_it": 3})
 
     def drive(t, dt):
-        top.value[1] = -1.05 * t
+        top.value[1] = -0.5 * t
 
     drive(1.0, 1.0)
     with pytest.raises(qs.ConvergenceError) as caught:
         problem.solve()
     error = caught.value
-    assert error.reason_name == "NO_PROGRESS" and f"risen {MOST_RISES} times" in error.why
+    assert error.reason_name == "DIVERGED_MAX_IT" and "in the last" in error.why
     assert error.why in str(error) and len(str(error).split("\n")) == 3
-    assert "take smaller steps" in str(error)
     stepper = qs.TimeStepper(problem, 1.0, drive, dt_min=1.0)
-    with pytest.raises(qs.StepError, match="risen"):
+    with pytest.raises(qs.StepError, match="in the last"):
         stepper.step()
     assert error.why in stepper.log[-1].reason
