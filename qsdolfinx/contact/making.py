@@ -40,7 +40,7 @@ from qsdolfinx.pairing.facets import SharpNodes, has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
 from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.surface.itself import boundary_of
-from qsdolfinx.tools.rigid_surface import is_rigid
+from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 NAME = Kind(
     "a string that is not empty", lambda x: isinstance(x, str) and bool(x.strip()), TypeError
@@ -302,5 +302,10 @@ def _settings(chosen: Chosen) -> Settings:
         float(a.gap_tolerance),
         a.sliding,
         (has_creases(slave, at_points), has_creases(master, at_points)),
-        tuple(SharpNodes.of(s) if at_points and s.bodies else None for s in (slave, master)),
+        (_sharp(slave, at_points), _sharp(master, at_points)),
     )
+
+
+def _sharp(surface: AnySurface, asked: bool) -> SharpNodes | None:
+    """Sharp vertices of a body; None of a tool, or if ``asked`` is False. Collective."""
+    return SharpNodes.of(surface) if asked and not is_rigid(surface) else None

@@ -255,7 +255,7 @@ def _at_points(model: ContactModel) -> list[int]:
 
 def _points(models: typing.Sequence[ContactModel]) -> dict[str, tuple[Indices, Array]]:
     """Values of points of slips and of a tool's vertices, beside nodal values. Collective."""
-    out = {}
+    out: dict[str, tuple[Indices, Array]] = {}
     for i, model in enumerate(models):
         out |= {f"points_{i}_{j}": stored_points(model.slips[j]) for j in _at_points(model)}
         for j, part, gap in parts_at_vertices(model):
