@@ -308,4 +308,4 @@ def _settings(chosen: Chosen) -> Settings:
 
 def _sharp(surface: AnySurface, asked: bool) -> SharpNodes | None:
     """Sharp vertices of a body; None of a tool, or if ``asked`` is False. Collective."""
-    return SharpNodes.of(surface) if asked and not is_rigid(surface) else None
+    return next((SharpNodes.of(body) for body in surface.bodies if asked), None)
