@@ -102,9 +102,9 @@ REMEDIES = (
         (AtOnce, "_has_moved"),
     ),
     Remedy(
-        "γ is small at first",
+        "penalties are soft at first",
         OneNewton,
-        "approach",
+        "_approach",
         lambda *_: True,
         lambda self, z: z,
         "problems/test_leaf_spring.py",

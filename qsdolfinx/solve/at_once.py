@@ -153,11 +153,10 @@ class AtOnce:
     def _find(self, equations: Equations, loop: OneNewton) -> Array:
         """The solution. Collective."""
         z = self._begin(equations)
-        if self._is_cold and equations.can_soften and self._newton.linear.has_factors:
-            z = loop.approach(z)
+        softly = self._is_cold and equations.can_soften
         has_moved = self._has_moved()
         try:
-            z = loop.solve(z, is_guess=has_moved)
+            z = loop.solve(z, is_guess=has_moved, softly=softly)
         except (NoConvergence, NoGapError):
             if not has_moved:
                 raise

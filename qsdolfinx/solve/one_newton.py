@@ -39,9 +39,14 @@ FAR = 0.5
 #: Part of the first step below which the start is a poor one.
 POOR = 0.1
 
-#: Part of γ used at the start of solves without known multipliers, tolerance of this phase, and its
-#: most iterations.
-SOFT, NEAR, MOST_SOFT = 1e-4, 1e-2, 30
+#: Increase of the merit in the first full step above which the start is far from the solution. With
+#: less, as where contact begins or friction depends on slip rates, Newton's method needs fewer
+#: iterations from there.
+FAR_OFF = 2.0
+
+#: Soft penalties that are followed then, over the automatic one; tolerance, and most iterations, of
+#: each.
+SOFT, NEAR, MOST_SOFT = (1e-4, 1e-2), 1e-2, 15
 
 
 class OneNewton:
@@ -76,7 +81,9 @@ class OneNewton:
             Balance(equations, newton, stiffness),
         )
 
-    def solve(self, z: Array, begins: bool = True, is_guess: bool = False) -> Array:
+    def solve(
+        self, z: Array, begins: bool = True, is_guess: bool = False, softly: bool = False
+    ) -> Array:
         """Compute the solution, starting from z. Collective.
 
         Args:
@@ -84,6 +91,8 @@ class OneNewton:
             begins: Whether to find the positions from which slip counts.
             is_guess: Whether to stop if the first step makes hardly any progress, because another
                 start is available.
+            softly: Whether to approach the solution first if the start is poor, see
+                :meth:`_approach`.
 
         Raises:
             NoConvergence: If none is found: after the largest number of iterations, or as soon as
@@ -118,6 +127,10 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
+            if softly and is_first and self._is_far_off(z, at, change):
+                z = self._approach(z)
+                at = self.equations.evaluate(z, first=True, again=self._again)
+                change = self._change(at)
             mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
             z, at, step = mixed or self._search(z, at, change, is_first)
             if is_guess and iteration == 0 and step < POOR:
@@ -219,39 +232,60 @@ class OneNewton:
         history = self._balance.history
         return bool(self.equations.tools and history and history[-1].active == 0)
 
-    def approach(self, z: Array) -> Array:
-        """Approach the solution with a small γ: many constraints may change at once. Collective.
+    def _is_far_off(self, z: Array, at: State, change: Array) -> bool:
+        """Whether constraints are active, but the full step leads away from R = 0. Collective."""
+        if not any(self._balance.num_closed(at)):
+            return False
+        try:
+            there = self._merit(self.equations.evaluate(z + change))
+        except NoGapError:
+            return True
+        return not there <= FAR_OFF * self._merit(at)
 
-        With γ near the bodies' own stiffness, the contact region moves by a facet or two in each
-        iteration; with a smaller γ it moves further. There is no line search, since its merit
-        belongs to the set before. The iteration ends if a set occurs again, as it would repeat
-        itself.
+    def _approach(self, z: Array) -> Array:
+        """Follow the path of the solutions with soft penalties. Collective.
+
+        Where slender bodies bend, most active constraints are wrong at first, and Newton's method
+        moves the contact zone by a facet or two in each iteration. With a soft penalty it takes few
+        iterations, and the solution is a good start for a penalty that is less soft (Hintermüller,
+        Kunisch, SIAM J. Control Optim. 45, 2006, 1198). There is no line search, since its merit
+        belongs to the set before.
 
         Args:
             z: Unknowns of this rank.
 
         Returns:
-            Unknowns to continue from; z itself if there was no progress.
+            Unknowns to continue from: of the last penalty with a solution, or z.
         """
-        equations, found, sets = self.equations, z.copy(), list[bytes]()
-        equations.soften(SOFT)
-        self._balance.begin()
+        found = z
         try:
-            at = equations.evaluate(found, first=True, again=self._again)
-            for _ in range(min(MOST_SOFT, self.max_it)):
-                done, now = self._is_found(at, 1.0), self._balance.history[-1]
-                if done or max(now.forces, now.constraints, now.tools) <= NEAR:
-                    return found
-                sets.append(b"".join(e.closed.tobytes() for e in at.passes))
-                if self._comes_back(sets):
+            for part in SOFT:
+                self.equations.soften(part)
+                there = self._follow(found)
+                if there is None:
                     break
-                found = found + self._change(at)
-                at = equations.evaluate(found)
+                found = there
         except (NoConvergence, NoGapError):
             pass
         finally:
-            equations.soften(1.0)
-        return z
+            self.equations.soften(1.0)
+        return found
+
+    def _follow(self, z: Array) -> Array | None:
+        """Solve to :const:`NEAR`, starting from z; None if an active set occurs again. Collective."""
+        sets = list[bytes]()
+        self._balance.begin()
+        at = self.equations.evaluate(z, first=True, again=self._again)
+        for _ in range(min(MOST_SOFT, self.max_it)):
+            done, now = self._is_found(at, 1.0), self._balance.history[-1]
+            if done or max(now.forces, now.constraints, now.tools) <= NEAR:
+                return z
+            sets.append(b"".join(e.closed.tobytes() for e in at.passes))
+            if self._comes_back(sets):
+                break
+            z = z + self._change(at)
+            at = self.equations.evaluate(z)
+        return None
 
     def _comes_back(self, sets: list[bytes]) -> bool:
         """Whether the last set equals an earlier one, with other sets in between. Collective.

@@ -205,6 +205,7 @@ class PointConstraints(CondensedRows):
         self._is_unilateral = type(gap.law) is Unilateral
         self._moving: tuple[Array, MovingFunctions | None] | None = None
         self.gamma: float = model.eps
+        self._is_soft = False
         self._has: bool = model.has_multipliers_at_points
         #: E, or None where λ_free is all of λ; and the smooth patches of owned nodes whose
         #: multipliers are unknowns, (nodes, block), or the vertices of a tool, (vertices, 1).
@@ -252,14 +253,29 @@ class PointConstraints(CondensedRows):
         """Penalty ε of the points, as the argument of a user's law."""
         return np.full(self.gap.num_rows, self.model.eps)
 
+    @property
+    def can_soften(self) -> bool:
+        """Whether the penalty can be a softer one: not with a law of the user."""
+        return self._is_unilateral
+
     def soften(self, part: float) -> None:
-        """Use this part of γ if there are multipliers; the meaning of λ does not change."""
-        if self._has:
-            self.gamma = part * self.model.eps
+        """Use a penalty of this part of the automatic one, if it is softer; 1 ends this.
+
+        With multipliers, γ is a half of this penalty ε, and a is ½: then λ_h is ε times the mean
+        gap, for an augmented Lagrangian, too.
+        """
+        self._is_soft = part < 1
+        self.gamma = self.model.eps
+        if self._is_soft:
+            usual = self.model.penalty.of_points or self.model.eps
+            soft = min(self.model.eps, part * usual)
+            self.gamma = soft / 2 if self._has else soft
 
     @property
     def part(self) -> float:
         """The factor a of λ_h in y_p."""
+        if self._is_soft:
+            return 0.5 if self._has else 0.0
         return 1.0 if self.model.augmented else 1 - self.gamma / self.model.penalty.eps
 
     @property

@@ -19,6 +19,7 @@ from qsdolfinx.system.condensed_rows import PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
 from qsdolfinx.system.derivative import Derivative
 from qsdolfinx.system.driven import DrivenTools
+from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.layout import Layout
 from qsdolfinx.system.passes import Pass, State
 from qsdolfinx.system.system import ContactSystem
@@ -404,20 +405,28 @@ class Equations:
 
     @property
     def can_soften(self) -> bool:
-        """Whether there are multipliers for constraints at points, and no friction."""
-        rows = [p.rows.condensed for p in self.passes]
-        found = any(isinstance(of, PointConstraints) and of.has_multipliers for of in rows)
-        return found and all(p.slip is None for p in self.passes)
+        """Whether there are constraints at points whose penalty can be softer."""
+        return bool(self._soft_rows)
+
+    @property
+    def _soft_rows(self) -> list[tuple[PointConstraints, PointFriction | None]]:
+        """Constraints at points whose penalty can be softer, and their friction."""
+        return [
+            (p.rows.condensed, p.rows.condensed_friction)
+            for p in self.passes
+            if isinstance(p.rows.condensed, PointConstraints) and p.rows.condensed.can_soften
+        ]
 
     def soften(self, part: float) -> None:
-        """Scale the penalty γ of constraints at points. Collective.
+        """Use this part of the automatic penalties of constraints at points. Collective.
 
         Args:
-            part: Factor of the penalty; 1 gives the usual R.
+            part: Factor of the penalties; 1 gives the usual R.
         """
-        for p in self.passes:
-            if isinstance(p.rows.condensed, PointConstraints):
-                p.rows.condensed.soften(part)
+        for rows, friction in self._soft_rows:
+            rows.soften(part)
+            if friction is not None:
+                friction.soften(part)
         self.derivative.forget_gaps()
         self._at = None
 

@@ -119,6 +119,12 @@ class PointFriction:
                 out[:, :, k] &= ~extension.held
         return out
 
+    def soften(self, part: float) -> None:
+        """Use a penalty of this part of γ_t; 1 ends this. As for ``PointConstraints.soften``."""
+        self.gamma, self.elastic = self.model.slip_penalty
+        if part < 1 and self.has_unknowns:
+            self.gamma, self.elastic = part * self.gamma / 2, 0.5
+
     @property
     def shape(self) -> tuple[int, int]:
         """Shape of the unknowns τ of this rank."""

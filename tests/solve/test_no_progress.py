@@ -78,13 +78,13 @@ def hook():
 
 
 def test_a_hook_that_touches_its_catch():
-    """The start from the last velocity cycles, with period 6, and is given up for another one."""
-    problem, contact, stepper = hook()
+    """The start is far from the solution, and Newton's method would cycle, with period 6."""
+    _, contact, stepper = hook()
     stepper.step()
     stepper.dt = 0.025
     stepper.step()
-    assert stepper.num_cutbacks == 0 and problem.num_restarts == 1
-    assert abs(contact.force("slave")[1]) > 0.01 and stepper.num_iterations < 40
+    assert stepper.num_cutbacks == 0
+    assert abs(contact.force("slave")[1]) > 0.01 and stepper.num_iterations < 20
 
 
 def test_error_says_why():
