@@ -265,7 +265,6 @@ def make(chosen: Chosen) -> Made:
     overclosure = Overclosure(a.initial_overclosure)
     physics = conduction if a.slave.is_scalar else bodies
     model = ContactModel(settings, physics, kinematics, penalty, overclosure, friction, mechanics)
-    model.name = a.name
     model.sliding_is_given = chosen.sliding_is_given
     model.sliding_is_open = (
         chosen.may_follow
@@ -303,6 +302,7 @@ def _settings(chosen: Chosen) -> Settings:
         a.sliding,
         (has_creases(slave, at_points), has_creases(master, at_points)),
         (_sharp(slave, at_points), _sharp(master, at_points)),
+        a.name,
     )
 
 

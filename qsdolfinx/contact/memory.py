@@ -14,7 +14,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
@@ -169,8 +168,7 @@ def held_nodes(model: ContactModel) -> list[Flags]:
     """Owned nodes with tension by a law with history, at the last evaluation. Collective."""
     if not (model.law.memory and model.is_evaluated):
         return []
-    with collective_errors(model.comm):  # the law is user code
-        at_rows = [gap.multiplier(model.eps) for gap in model.gaps]
+    at_rows = [gap.multiplier(model.eps) for gap in model.gaps]
     found = [gap.rows.on_nodes(x, 0.0) for gap, x in zip(model.gaps, at_rows, strict=True)]
     return [np.any(values.astype(np.float64) < 0, axis=1) for values in found]
 

@@ -76,6 +76,7 @@ class Settings:
             contact pairs; see :func:`pair_vertices`.
         sharp_nodes: Sharp vertices of the slave, and of the master, when the contact was created;
             None for a rigid tool. What is sharp must not depend on when contact is detected.
+        name: Name in messages; None for the contact's number among those of its problem.
     """
 
     slave: Surface
@@ -90,6 +91,7 @@ class Settings:
     sliding: str = "small"
     sharp: tuple[bool, bool] = (False, False)
     sharp_nodes: tuple[SharpNodes | None, SharpNodes | None] = (None, None)
+    name: str | None = None
 
     @property
     def type(self) -> ContactType:
@@ -294,6 +296,7 @@ def find_pairs(
             augmented=settings.augmented or settings.rows == "points",
             following=_following(settings, first, second, radius),
             turns=settings.sliding,
+            of=settings.name,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -324,6 +327,7 @@ def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[Weighted
             rows="points",
             augmented=True,
             following=_following(settings, slave, master, radius, "tool" if of_tool else "slave"),
+            of=settings.name,
         )
         for slave, master, points, of_tool in passes
     )
@@ -478,8 +482,6 @@ class ContactModel:
         self.overclosure = overclosure
         self.friction = friction
         self.mechanics = mechanics
-        #: Name in messages; None for its number among the problem's contacts.
-        self.name: str | None = None
         #: Kinds of warnings already given for it, see :mod:`qsdolfinx.contact.findings`.
         self.told: set[str] = set()
         #: Frictional heat of the bodies, as a load for temperatures; None without friction.
@@ -536,6 +538,11 @@ class ContactModel:
         self.held_alone = (False, False)
         #: Wall time of this rank in contact detection, gaps and insertion.
         self.watch = Stopwatch()
+
+    @property
+    def name(self) -> str | None:
+        """Name in messages; None for its number among the problem's contacts."""
+        return self.settings.name
 
     @property
     def slave(self) -> Surface:

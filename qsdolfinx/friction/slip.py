@@ -22,6 +22,7 @@ from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are
 from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
+from qsdolfinx.gap.no_value import check_finite
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -671,6 +672,9 @@ class Slip:
             rows: Input of the law.
             means: Whether multipliers are means over the step, as the stresses due to a velocity:
                 during the time in contact they are larger than the means.
+
+        Raises:
+            NoMultiplierError: If τ is not finite, on this rank alone.
         """
         share, of_vectors = rows.share, rows.share[:, None]
         in_whole_step = not means or bool(np.all(share == 1))
@@ -682,6 +686,9 @@ class Slip:
             )
         with named_keys(self.friction, "friction"):
             response = self.friction.respond(rows)
+        given = [("slip", rows.slip), ("pressure", rows.pressure), *rows.memory.items()]
+        named = f"friction: {type(self.friction).__name__}.respond"
+        check_finite(named, response.traction, given, self.gap.of)
         if in_whole_step:
             return response
         return response._replace(

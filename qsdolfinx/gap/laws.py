@@ -223,6 +223,10 @@ class Conductance(JumpLaw):
         return out
 
 
+#: Laws of the library, whose results need no checks.
+BUILT_IN: tuple[type[Law], ...] = (Tied, Unilateral, Conductance)
+
+
 def _is_function(h: typing.Any) -> bool:
     return callable(h) and not isinstance(h, fem.Constant)
 

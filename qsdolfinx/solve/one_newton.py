@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
@@ -147,7 +147,7 @@ class OneNewton:
             there = self.equations.evaluate(z + step)
             if self._merit(there) <= LEFT * self._merit(at):
                 return z + step, there, 1.0
-        except NoGapError:
+        except NoValueError:
             pass
         self.equations.evaluate(z)
         return None
@@ -247,7 +247,7 @@ class OneNewton:
                     break
                 found = found + self._change(at)
                 at = equations.evaluate(found)
-        except (NoConvergence, NoGapError):
+        except (NoConvergence, NoValueError):
             pass
         finally:
             equations.soften(1.0)
@@ -315,12 +315,12 @@ class OneNewton:
                 return rest
         largest: float | None = None
         losing: float | None = None
-        unseen: NoGapError | None = None
+        unseen: NoValueError | None = None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
                 merit = self._merit(there)
-            except NoGapError as error:
+            except NoValueError as error:
                 merit, unseen = np.inf, error
             if np.isfinite(merit):
                 if self._loses_a_tool(at, there):
@@ -349,7 +349,7 @@ class OneNewton:
             return None
         try:
             return self._until_rest(z, at, change, far)
-        except NoGapError:  # on all ranks
+        except NoValueError:  # on all ranks
             return None
 
     def _until_rest(

@@ -27,6 +27,7 @@ from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
 from qsdolfinx.contact.memory import begin_step, end_step
 from qsdolfinx.contact.shown import copy_of
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -556,7 +557,8 @@ class ContactProblem:
                 self.active_history = error.active_history
                 if error.reason != OF_USER:
                     self._advise(error)
-                self.system.residual(start)  # gaps and multipliers too
+                with contextlib.suppress(NoValueError):  # of a law, after the gaps
+                    self.system.residual(start)  # gaps and multipliers too
                 for contact, before in zip(self.system.contacts, shown, strict=True):
                     contact.kept = before
             for body, array in zip(self.bodies, state, strict=True):

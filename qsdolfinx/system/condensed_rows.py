@@ -90,12 +90,10 @@ class CondensedRows:
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """Evaluate gaps and λ, and which constraints have a λ that varies. Collective."""
         gap = self.gap.state.values
-        with collective_errors(self.model.comm):  # the law may be user code
-            found = self.gap.multiplier(self.model.eps)
-            slope = active_set.slope(self.model, self.gap)
-            active = slope > 0
-            if self.gap.law.memory:
-                _check_slope(slope, found)
+        found = self.gap.multiplier(self.model.eps)
+        slope = active_set.slope(self.model, self.gap)
+        active = slope > 0
+        _check_slope(self.model, slope, found)
         if opened is not None:
             active &= ~opened
         pressure = np.where(active[:, None], found, 0.0)
@@ -104,8 +102,7 @@ class CondensedRows:
 
     def stiffness(self, at: Normal) -> Array:
         """Stiffness φ''(ḡ) of the constraints (stress per length), (rows, width). Collective."""
-        with collective_errors(self.model.comm):
-            slope = active_set.slope(self.model, self.gap)
+        slope = active_set.slope(self.model, self.gap)
         out = np.where(at.active, slope, 0.0)[:, None] * np.ones(self._width)
         condensed = self.gap.condensed
         return out if condensed is None else out * ~condensed
@@ -168,18 +165,23 @@ class CondensedRows:
         return self.scales.largest()
 
 
-def _check_slope(slope: Array, pressure: Array) -> None:
+def _check_slope(model: ContactModel, slope: Array, pressure: Array) -> None:
     """Raise an error for slopes of a history law by which loaded constraints would be inactive.
 
+    Collective.
+
     Raises:
-        ValueError: If there are such slopes.
+        ValueError: If there are such slopes on any rank.
     """
+    if not model.law.memory:
+        return
     lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
     text = (
         "law: slope must be positive where the multiplier is not 0; if that falls or stays "
         "constant as the gap grows, return the secant multiplier/gap"
     )
-    require(not (lost.any() or np.any(slope < 0)), text)
+    with collective_errors(model.comm):
+        require(not (lost.any() or np.any(slope < 0)), text)
 
 
 class PointConstraints(CondensedRows):
@@ -327,11 +329,9 @@ class PointConstraints(CondensedRows):
         pressure, active = trial, trial[:, 0] > 0
         if not self._is_unilateral:
             shifted = np.asarray(trial / self.gamma, dtype=np.float64)
-            with collective_errors(self.model.comm):  # the law is user code
-                pressure = self.gap.multiplier_of(shifted, self._penalty)
-                slope = self._slope(trial)
-                if self.gap.law.memory:
-                    _check_slope(slope, pressure)
+            pressure = self.gap.multiplier_of(shifted, self._penalty)
+            slope = self._slope(trial)
+            _check_slope(self.model, slope, pressure)
             active = slope > 0
         elif first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
@@ -342,7 +342,7 @@ class PointConstraints(CondensedRows):
         return Normal(multiplier, gap, trial, pressure, active, pressure)
 
     def _slope(self, trial: Array) -> Array:
-        """Slope φ'' of the user's law (stress per length), (points,)."""
+        """Slope φ'' of the user's law (stress per length), (points,). Collective."""
         shifted = np.asarray(trial / self.gamma, dtype=np.float64)
         return self.gap.slope_of(shifted, self._penalty, self.model.paired.touching)
 
@@ -403,8 +403,7 @@ class PointConstraints(CondensedRows):
     def stiffness(self, at: Normal) -> Array:
         """Stiffness γ at active points. Collective."""
         if not self._is_unilateral:
-            with collective_errors(self.model.comm):  # the law is user code
-                slope = self._slope(at.trial)
+            slope = self._slope(at.trial)
             return np.asarray(np.where(at.active, slope, 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
