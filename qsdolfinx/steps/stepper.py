@@ -31,7 +31,7 @@ from qsdolfinx.contact.chosen_sliding import let_follow
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.pairing.relief import CurvedError
-from qsdolfinx.solve.diagnostics import diagnose
+from qsdolfinx.solve.diagnostics import OF_A_STEP, diagnose
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, in_smallest_step
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -416,7 +416,8 @@ class TimeStepper:
         start = self._scene.snapshot()
         self._starts = self._scene.penetration.starts()
         try:
-            with self.problem.one_step(watch=not self._scene.penetration.is_limited):
+            watch = not self._scene.penetration.is_limited
+            with self.problem.one_step(watch=watch, has_checks=True):
                 made = self._try(t_end, dt, start)
             self._note(made, None)
         except BaseException:  # also of a law's commit, which is called at the end of the block
@@ -612,7 +613,7 @@ class TimeStepper:
         if fault is not None:
             raise _Fault(fault)
         for contact in self.problem.contacts:
-            diagnose(self.problem.newton, contact.model, is_step=True)
+            diagnose(self.problem.newton, contact.model, OF_A_STEP)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
