@@ -186,11 +186,14 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
         lost += np.count_nonzero(before & ~paired)
     lost = model.comm.allreduce(int(lost), op=MPI.SUM)
     if lost > 0:
+        reach, radius = model.settings.reach, model.paired.search_radius
+        larger = f"one of at least {reach:.3g}" if reach is not None else "a larger one"
         tell(
             model,
-            f"lost bonds after pairing {model.num_pairings}",
-            f"search_radius: {lost} node(s) with tension by the law have gaps beyond it, and carry "
-            "no load; give a larger search_radius: the gap at which the law has no more tension",
+            "lost bonds",
+            f"search_radius: {lost} node(s) with tension by the law have gaps beyond {radius:.3g}, "
+            f"and carry no load any more: give {larger}, the gap at which the law has no more "
+            "tension; or leave it out",
         )
 
 

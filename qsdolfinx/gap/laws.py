@@ -62,7 +62,7 @@ class Law(abc.ABC):
         """Slope φ''(ḡ) ≥ 0 for each constraint, stress per length, shape (rows,).
 
         If λ falls while the gap grows, return the secant λ/ḡ. A constraint with slope 0 is inactive
-        and carries nothing, whatever ``multiplier`` returns.
+        and carries nothing, whatever finite number ``multiplier`` returns.
 
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).

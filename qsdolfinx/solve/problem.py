@@ -25,6 +25,7 @@ from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
+from qsdolfinx.contact.law_check import check_law
 from qsdolfinx.contact.memory import begin_step, end_step
 from qsdolfinx.contact.shown import copy_of
 from qsdolfinx.gap.no_value import NoValueError
@@ -458,6 +459,7 @@ class ContactProblem:
             body.begin_solve()
         self.newton.update_matrices()
         for contact in self.system.contacts:
+            check_law(contact)
             motion.move_tool(contact)
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
