@@ -56,8 +56,8 @@ class Candidates(typing.NamedTuple):
     Attributes:
         near: Nodes within the search distance of the master's bounding box.
         turned: Nodes that would be paired if the normals were reversed.
-        facing: Nodes that face the master at any distance.
-        away: The smallest distance of a facing node (length).
+        facing: Nodes that face the master beyond the search distance.
+        away: The smallest distance of these nodes (length).
     """
 
     near: int
@@ -81,18 +81,18 @@ def find_unpaired(model: ContactModel) -> str:
         found = _of_facets(model, near, corners)
     if rows > 0 and rows >= FEW * found.near:
         return ""
-    paired = f"{rows} of {found.near} slave nodes near the master" if rows else "no slave node"
+    paired = f"only {rows} of {found.near} slave nodes near the master" if rows else "no slave node"
     if found.turned > max(2 * rows, FEW * found.near):
         return (
             f"normals: {paired} found a partner, since the outward normals of the surfaces point "
             "in the same direction where they meet, as if one body were inside the other: check "
             "the chosen facets or tags, and a rigid tool's normal or the orientation of its facets"
         )
-    if found.facing <= max(2 * rows, FEW * found.near):
+    if found.facing <= max(rows, FEW * found.near):
         return ""  # for example a free side at right angles to the die onto which it will fold
     return (
         f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, but "
-        f"{found.facing} nodes face the master at distances from {found.away:.3g} on: give a "
+        f"{found.facing} others face the master at distances from {found.away:.3g} on: give a "
         "larger search_radius, or check the positions of the meshes (time steps, which update the "
         "contact pairs, may bring them together)"
     )
@@ -108,7 +108,8 @@ def find_no_flow(model: ContactModel) -> str:
 def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
     distance, normal = tool.distance(model.slave.node_x)
     cosine = np.sum(normal * model.slave.node_normal, axis=1)
-    close, facing = np.abs(distance) <= model.paired.search_radius, cosine < -FACING
+    close = np.abs(distance) <= model.paired.search_radius
+    facing = ~close & (cosine < -FACING)
     away = float(np.min(np.abs(distance[facing]), initial=np.inf))
     near, turned, faces = (
         _total(model, np.count_nonzero(mask)) for mask in (close, close & (cosine > FACING), facing)
@@ -117,7 +118,7 @@ def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
 
 
 def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> Candidates:
-    """Count nodes that are paired with reversed normals, and without a search distance."""
+    """Count nodes that are paired with reversed normals, and beyond the search distance."""
     slave = model.slave.linear
     other = model.master.linear.search_object(slave)
     x, inside, _ = slave.coordinates
@@ -127,11 +128,12 @@ def _of_facets(model: ContactModel, near: int, corners: tuple[Array, Array]) -> 
     low, high = _box(model.comm, np.concatenate([slave.node_x, *(c[None] for c in corners)]))
     anywhere = float(np.linalg.norm(high - low))
     faced = _cpp.pair_surfaces(slave.cpp_object, other, False, _cpp.SearchRadius(anywhere), 0)
-    away = float(np.min(np.abs(faced.gap), initial=np.inf))
+    beyond = np.abs(faced.gap)[np.abs(faced.gap) > model.paired.search_radius]
+    away = float(np.min(beyond, initial=np.inf))
     return Candidates(
         near,
         _total(model, turned.size),
-        _total(model, faced.size),
+        _total(model, len(beyond)),
         model.comm.allreduce(away, op=MPI.MIN),
     )
 

@@ -117,8 +117,10 @@ class Contact:
             that ``"resolve"`` and ``"ignore"`` are the same for it.
         search_radius: Search distance (length): points further than this from the other surface are
             not paired. By default the largest facet of the two surfaces; with a rigid tool the
-            largest facet of the slave. ``"local"``: at each place the size of the larger of the two
-            facets, for surfaces with fine parts that need only a short search distance.
+            largest facet of the slave; with finite sliding four times that; at least twice the
+            opening at which a law of your own ends, if its penalty is a number. ``"local"``: at
+            each place the size of the larger of the two facets, for surfaces with fine parts that
+            need only a short search distance.
         quadrature: ``"overlay"``: (7) is integrated exactly over the segments, the intersections of
             the facets of the two surfaces. ``"nodal"``, the method of the paper: the gap is sampled
             at nodes, as in (5), (6), (12), for displacements of degree 1. It is cheaper, but on

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import typing
 
+from mpi4py import MPI
+
 from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import renamed
@@ -31,9 +33,10 @@ from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.contact.penalty import Penalty, points_factor
 from qsdolfinx.friction.history import FrictionHistory
+from qsdolfinx.gap import law_samples
 from qsdolfinx.gap.following import follows
 from qsdolfinx.gap.kinematics import Kinematics, unknowns_of
-from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
+from qsdolfinx.gap.laws import BUILT_IN, Conductance, Law, Tied, Unilateral
 from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.facets import SharpNodes, has_creases
@@ -265,7 +268,6 @@ def make(chosen: Chosen) -> Made:
     overclosure = Overclosure(a.initial_overclosure)
     physics = conduction if a.slave.is_scalar else bodies
     model = ContactModel(settings, physics, kinematics, penalty, overclosure, friction, mechanics)
-    model.name = a.name
     model.sliding_is_given = chosen.sliding_is_given
     model.sliding_is_open = (
         chosen.may_follow
@@ -284,7 +286,7 @@ def _settings(chosen: Chosen) -> Settings:
         slave, master = boundary_of(slave), boundary_of(slave)
     at_points = a.constraints == "points" and not (a.itself or isinstance(a.law, Conductance))
     radius = a.search_radius
-    return Settings(
+    settings = Settings(
         slave,
         master,
         a.formulation,
@@ -303,7 +305,18 @@ def _settings(chosen: Chosen) -> Settings:
         a.sliding,
         (has_creases(slave, at_points), has_creases(master, at_points)),
         (_sharp(slave, at_points), _sharp(master, at_points)),
+        a.name,
     )
+    return dataclasses.replace(settings, reach=_reach(settings, a.penalty))
+
+
+def _reach(settings: Settings, penalty: float | str) -> float | None:
+    """Opening beyond which a user's law gives no multiplier; None if unknown. Collective."""
+    law = settings.law
+    if type(law) in BUILT_IN or settings.type is not ContactType.NORMAL or penalty == "auto":
+        return None
+    found = law_samples.reach(law, float(penalty), settings.largest_facet) or 0.0
+    return float(settings.slave.comm.allreduce(found, op=MPI.MAX)) or None
 
 
 def _sharp(surface: AnySurface, asked: bool) -> SharpNodes | None:

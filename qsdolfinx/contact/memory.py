@@ -14,7 +14,6 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import multipliers
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, Part
@@ -169,8 +168,7 @@ def held_nodes(model: ContactModel) -> list[Flags]:
     """Owned nodes with tension by a law with history, at the last evaluation. Collective."""
     if not (model.law.memory and model.is_evaluated):
         return []
-    with collective_errors(model.comm):  # the law is user code
-        at_rows = [gap.multiplier(model.eps) for gap in model.gaps]
+    at_rows = [gap.multiplier(model.eps) for gap in model.gaps]
     found = [gap.rows.on_nodes(x, 0.0) for gap, x in zip(model.gaps, at_rows, strict=True)]
     return [np.any(values.astype(np.float64) < 0, axis=1) for values in found]
 
@@ -188,11 +186,14 @@ def check_held(model: ContactModel, held: typing.Sequence[Flags]) -> None:
         lost += np.count_nonzero(before & ~paired)
     lost = model.comm.allreduce(int(lost), op=MPI.SUM)
     if lost > 0:
+        reach, radius = model.settings.reach, model.paired.search_radius
+        larger = f"one of at least {reach:.3g}" if reach is not None else "a larger one"
         tell(
             model,
-            f"lost bonds after pairing {model.num_pairings}",
-            f"search_radius: {lost} node(s) with tension by the law have gaps beyond it, and carry "
-            "no load; give a larger search_radius: the gap at which the law has no more tension",
+            "lost bonds",
+            f"search_radius: {lost} node(s) with tension by the law have gaps beyond {radius:.3g}, "
+            f"and carry no load any more: give {larger}, the gap at which the law has no more "
+            "tension; or leave it out",
         )
 
 

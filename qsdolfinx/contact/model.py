@@ -48,6 +48,10 @@ LEAST_PART = 1e-3
 #: Search distance with finite sliding, in units of the largest facet.
 FOLLOWING_REACH = 4.0
 
+#: Search distance over the opening at which a law ends: surfaces part further in a step before they
+#: are pulled back.
+BEYOND_REACH = 2.0
+
 #: Blocks ss, sm, ms, mm of the slave's and the master's body.
 BlocksOf = tuple[PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None, PETSc.Mat | None]
 
@@ -76,6 +80,8 @@ class Settings:
             contact pairs; see :func:`pair_vertices`.
         sharp_nodes: Sharp vertices of the slave, and of the master, when the contact was created;
             None for a rigid tool. What is sharp must not depend on when contact is detected.
+        name: Name in messages; None for the contact's number among those of its problem.
+        reach: Opening (length) beyond which a user's law gives no multiplier; None if unknown.
     """
 
     slave: Surface
@@ -90,6 +96,8 @@ class Settings:
     sliding: str = "small"
     sharp: tuple[bool, bool] = (False, False)
     sharp_nodes: tuple[SharpNodes | None, SharpNodes | None] = (None, None)
+    name: str | None = None
+    reach: float | None = None
 
     @property
     def type(self) -> ContactType:
@@ -294,6 +302,7 @@ def find_pairs(
             augmented=settings.augmented or settings.rows == "points",
             following=_following(settings, first, second, radius),
             turns=settings.sliding,
+            of=settings.name,
         )
         for (first, second), found in zip(roles, points, strict=True)
     )
@@ -324,6 +333,7 @@ def _at_creases(settings: Settings, radius: _cpp.SearchRadius) -> tuple[Weighted
             rows="points",
             augmented=True,
             following=_following(settings, slave, master, radius, "tool" if of_tool else "slave"),
+            of=settings.name,
         )
         for slave, master, points, of_tool in passes
     )
@@ -371,13 +381,16 @@ def radius_of(settings: Settings) -> _cpp.SearchRadius:
 
     The default is the size of the largest facet, since bodies that are pressed together approach
     each other in the whole region of later contact. With finite sliding the distance is larger, so
-    that Newton iterates do not lose their contact pairs.
+    that Newton iterates do not lose their contact pairs; and with a law that acts at a distance,
+    so that surfaces that it holds are not lost.
     """
     if isinstance(settings.search_radius, float):
         return _cpp.SearchRadius(settings.search_radius)
     largest = settings.largest_facet
     if settings.sliding == "finite":
         largest *= FOLLOWING_REACH
+    if settings.search_radius is None and settings.reach is not None:
+        largest = max(largest, BEYOND_REACH * settings.reach)
     local = settings.search_radius == "local" and not settings.master.is_analytic
     return _cpp.SearchRadius(largest, by_size=local)
 
@@ -478,8 +491,6 @@ class ContactModel:
         self.overclosure = overclosure
         self.friction = friction
         self.mechanics = mechanics
-        #: Name in messages; None for its number among the problem's contacts.
-        self.name: str | None = None
         #: Kinds of warnings already given for it, see :mod:`qsdolfinx.contact.findings`.
         self.told: set[str] = set()
         #: Frictional heat of the bodies, as a load for temperatures; None without friction.
@@ -521,6 +532,8 @@ class ContactModel:
         self.catch_up: typing.Callable[[], None] | None = None
         #: Initial positions of penetrating slave nodes, as long as sliding of them is checked.
         self.overclosed_from: OverclosedStart | None = None
+        #: Whether signs and slopes of its law have been checked.
+        self.is_law_checked = False
         #: Returns the problem that the contact is part of, or None once the problem is gone; None
         #: before it is part of a problem.
         self.problem: typing.Callable[[], object] | None = None
@@ -536,6 +549,11 @@ class ContactModel:
         self.held_alone = (False, False)
         #: Wall time of this rank in contact detection, gaps and insertion.
         self.watch = Stopwatch()
+
+    @property
+    def name(self) -> str | None:
+        """Name in messages; None for its number among the problem's contacts."""
+        return self.settings.name
 
     @property
     def slave(self) -> Surface:

@@ -190,6 +190,29 @@ def follow_meshes(model: ContactModel) -> None:
     model.placement = Placement.at_pairing(model.slave, model.master)
 
 
+def follow_from(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
+    """Let a contact with updated geometry go on from these unknowns of the bodies. Collective.
+
+    What the first contact detection has decided stays: search distance, and smooth patches.
+
+    Args:
+        model: The contact.
+        slave: Unknowns of the slave's body, relative to its present mesh.
+        master: The same for the master.
+    """
+    free_offset(model)
+    follow_meshes(model)
+    _continue_step(model)
+    vecs = _vecs(model, slave, master)
+    for gap in model.gaps:
+        gap.evaluate(model.ordered(gap, vecs))
+    for slip in model.slips:
+        slip.take_operator()
+    for vec in vecs:
+        if vec is not None:
+            vec.destroy()
+
+
 def begin_to_follow(model: ContactModel, slave: fem.Function, master: fem.Function | None) -> None:
     """Initialise gaps with updated geometry at the positions for these unknowns. Collective."""
     if not model.follows:

@@ -27,14 +27,19 @@ TOUCHING = 0.01
 #: Sliding distance, in facets, above which a solve warns.
 FAR = 1.0
 
+#: Rotation (radians) above which a solve warns of sliding even if small sliding was asked for:
+#: a gap of a facet is then wrong by a tenth of it (``tests/contact/test_turned.py``).
+TURNS = 0.1
+
 
 def find_slid(model: ContactModel) -> str | None:
     """Warning if nodes in contact have slid by more than a facet in a solve, or None. Collective.
 
-    On an analytic plane any sliding distance is right, and users who set small sliding are aware of
-    its limits.
+    On an analytic plane any sliding distance is right. Users who set small sliding are aware of
+    this limit, but not of a rotation: as points slide by s along normals that rotate by φ, gaps are
+    wrong by s φ, so that even a round tool that rotates in place may lose contact.
     """
-    if model.sliding_is_given or model.follows:
+    if model.follows or (model.sliding_is_given and not _turns(model)):
         return None
     if any(tool.is_plane for tool in model.master.tools):
         return None
@@ -43,12 +48,31 @@ def find_slid(model: ContactModel) -> str | None:
     way = _slid_since(model, model.placement)
     if way <= FAR:
         return None
-    finite = 'sliding="finite", or ' if model.sliding_is_open else ""
+    known = model.sliding_is_given
+    finite = 'sliding="finite", or ' if model.sliding_is_open or known else ""
+    turns = " and has turned" if known else ""
+    intended = "" if known else '; give sliding="small" if this is intended'
     return (
-        f"sliding: the contact has slid by {way:.3g} facets since contact detection, but small "
-        f"sliding keeps the points and normals found then: take {finite}time steps "
-        '(qs.TimeStepper); give sliding="small" if this is intended'
+        f"sliding: the contact has slid by {way:.3g} facets{turns} since contact detection, but "
+        f"small sliding keeps the points and normals found then: take {finite}time steps "
+        f"(qs.TimeStepper){intended}"
     )
+
+
+def _turns(model: ContactModel) -> bool:
+    """Whether a tool has rotated so far that sliding changes gaps.
+
+    Velocity-based bodies are paired within the step, and tools then rotate in place.
+    """
+    moves = all(model.kinematics.in_displacement)
+    return moves and rotation_of(model.placement.master.motion) > TURNS
+
+
+def rotation_of(tool: Affine | None) -> float:
+    """Rotation (radians) of a tool by this motion; 0 without one."""
+    if tool is None:
+        return 0.0
+    return float(np.linalg.norm(rotation_vector(tool.A + np.eye(len(tool.A)))))
 
 
 def _slid_since(model: ContactModel, now: Placement) -> float:
@@ -103,11 +127,16 @@ def turned(model: ContactModel) -> float:
     return 0.0 if is_nodal or is_rigid(model.master) else _turn(model, None)
 
 
+def largest_turn(model: ContactModel) -> float:
+    """Largest rotation (radians) of facets, or of a tool, since contact detection. Collective."""
+    if is_rigid(model.master):
+        return rotation_of(model.placement.master.motion)
+    return _turn(model, None)
+
+
 def _turn(model: ContactModel, tool: Affine | None) -> float:
     """Largest rotation (radians) of facets or of a tool since contact detection. Collective."""
-    largest = 0.0
-    if tool is not None:
-        largest = float(np.linalg.norm(rotation_vector(tool.A + np.eye(len(tool.A)))))
+    largest = rotation_of(tool)
     for place in model.placement.bodies:
         first, now = area_vectors(place.coordinates[0]), area_vectors(place.vertices())
         sine = np.linalg.norm(np.cross(first, now), axis=1)

@@ -24,7 +24,7 @@ class ContactState:
         self._cuts = [gap.cut for gap in model.gaps]
         self._penalty = copy.copy(model.penalty)
         self._dt = model.kinematics.dt
-        self._rate = None if model.friction is None else model.friction.rate
+        self._friction = None if model.friction is None else model.friction.state
         self._catch_up = model.catch_up
         self._kept, self._is_evaluated = model.kept, model.is_evaluated
         self._placement, self._tool_motion = model.placement, model.tool_motion
@@ -48,8 +48,8 @@ class ContactState:
             slip.take_operator()
         model.penalty = copy.copy(self._penalty)
         model.kinematics.restore_dt(self._dt)
-        if model.friction is not None:
-            model.friction.rate = self._rate
+        if model.friction is not None and self._friction is not None:
+            model.friction.restore(self._friction)
         model.catch_up = self._catch_up
         model.kept, model.is_evaluated = self._kept, self._is_evaluated
         model.placement, model.tool_motion = self._placement, self._tool_motion

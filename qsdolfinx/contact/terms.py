@@ -10,7 +10,6 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.coupling import ConductanceCoupling
 from qsdolfinx.contact.model import BlocksOf, ContactModel
@@ -39,8 +38,7 @@ def add_residual(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None
     heat.
     """
     with model.watch.stage("gap"):
-        with collective_errors(model.comm):  # a law may be user code
-            multipliers = [gap.multiplier(model.eps) for gap in model.gaps]
+        multipliers = [gap.multiplier(model.eps) for gap in model.gaps]
         for gap, multiplier in zip(model.gaps, multipliers, strict=True):
             gap.add_forces(multiplier, model.ordered(gap, (slave, master)))
         for slip in model.slips:

@@ -1,12 +1,18 @@
-"""Check for ties across a gap whose rotation is too large for the theory of small rotations."""
+"""Checks for rotations that are too large for small sliding, or for ties across a gap."""
 
 from __future__ import annotations
 
 from mpi4py import MPI
 
 import numpy as np
+import numpy.typing as npt
 
+import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.contact.placement import Placement, is_analytic
+from qsdolfinx.contact.slid import largest_turn
+
+Array = npt.NDArray[np.float64]
 
 #: Spurious traction, over the largest traction of the tie, that gaps rotated by small rotations may
 #: cause: test_turned_by_hand in tests/steps/test_ties.py.
@@ -14,6 +20,69 @@ NOTICED = 0.05
 
 #: Error of a gap over the smallest facet, a strain, that counts as zero: tests/steps/test_ties.py.
 NONE = 1e-7
+
+#: Part of the contact force in other directions than along the present normals above which a solve
+#: warns; a smaller rotation (radians) cannot cause it. See ``tests/contact/test_turned.py``.
+MISDIRECTED = 0.1
+
+
+def find_turned_normals(model: ContactModel) -> str | None:
+    """Warning if forces of small sliding act along normals that have turned, or None. Collective.
+
+    Forces act along the normals of contact detection. Those of a round tool that rotates in place
+    do not turn. A velocity-based body is paired within the step, for which normals at its end are
+    not better; nodal quadrature stays as in the paper.
+    """
+    is_nodal = model.settings.sampling.quadrature == "nodal"
+    if model.follows or is_nodal or not all(model.kinematics.in_displacement):
+        return None
+    if largest_turn(model) <= MISDIRECTED:
+        return None
+    share = _misdirected(model)
+    if share <= MISDIRECTED:
+        return None
+    return (
+        "sliding: surfaces in contact have turned since contact detection, but small sliding keeps "
+        f"the normals found then: {share:.0%} of the contact force does not act along the present "
+        'normals; take sliding="finite", or steps of a qs.TimeStepper'
+    )
+
+
+def _misdirected(model: ContactModel) -> float:
+    """Part of the contact force that does not act along the present normals. Collective.
+
+    It is the mean change of the normals at the slave's nodes, weighted with their forces.
+    """
+    gap, slave, now = model.gaps[0], model.slave, model.placement
+    pressure = gap.rows.on_nodes(gap.multiplier(model.eps), 0.0).astype(np.float64)[:, 0]
+    force = np.maximum(pressure, 0.0) * slave.node_area
+    radius = model.paired.search_radius
+    before, after = (_normals(place, radius) for place in (now.as_paired, now))
+    turn = np.linalg.norm(after - before, axis=1)
+    known = np.isfinite(turn)
+    sums = np.array([force[known] @ turn[known], force[known].sum()])
+    model.comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+    return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
+
+
+def _normals(placement: Placement, radius: float) -> Array:
+    """Unit normals along which forces would act at the slave's nodes, (nodes, 3). Collective.
+
+    They are the bisectors of the normals of two bodies, and those of a tool, see ``slid.turned``.
+    They are NaN where nothing is opposite within the search distance.
+    """
+    facets, other = placement.slave.facets(), placement.master
+    x, own = np.asarray(facets.node_x), np.asarray(facets.node_normal)
+    if is_analytic(other):
+        distance, there = other.tool.distance(x, other.positions())
+        found = np.abs(distance) <= radius
+    else:
+        closest = _cpp.closest_points(x, own, facets, other.facets(), radius)
+        there, found = closest["mean_normal"], closest["found"].astype(bool)
+    both = np.where(found[:, None], (own if other.bodies else 0.0) - there, np.nan)
+    both /= np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-300)
+    at = np.searchsorted(facets.node_dofs[:, 0], placement.slave.surface.node_dofs[:, 0])
+    return np.asarray(both[at])
 
 
 def find_turned_tie(model: ContactModel) -> str | None:

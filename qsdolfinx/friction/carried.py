@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals, carried_to, closest, turned
+from qsdolfinx.friction.of_points import OfPoints, carried_to, closest, turned
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.rows import PointRows
 
@@ -42,12 +42,11 @@ def carry(old: Slip, new: Slip) -> None:
         )
         new.state.of_points = old.state.of_points
         return
-    points, normals = of_points(old, facets(old), old.gap.points.multiplier_values), None
     if old.state.saved is not None:
-        normals = old.state.saved.of_nodes
-        points = points._replace(normal=old.state.saved.of_points)
-    normals = normals_of_nodes(old) if normals is None else normals
-    take(new, normals, points, facets(new), new.gap.points.multiplier_values)
+        old.state.saved(new)
+        return
+    points = of_points(old, facets(old), old.gap.points.multiplier_values)
+    take(new, normals_of_nodes(old), points, facets(new), new.gap.points.multiplier_values)
 
 
 def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
@@ -71,17 +70,20 @@ def take(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array)
     state.rest = slip.tangential(carried_to(old, keys, place, normal))
 
 
-def take_saved(slip: Slip, normals: Array, old: OfPoints, keys: Indices, place: Array) -> None:
-    """Transfer point data from a checkpoint, without rotation, see ``SavedNormals``.
+def show_saved(slip: Slip, old: OfPoints, keys: Indices, place: Array) -> None:
+    """Show point data from a checkpoint, without rotation, until contact pairs are updated.
 
-    Arguments are those of :func:`take`.
+    Two successive rotations are not exactly one rotation: see ``SlipState.saved``.
+
+    Args:
+        slip: The slip.
+        old: Data of the saved points.
+        keys: Keys of the present points, as those of the saved points.
+        place: Positions of the present points, as those of the saved points.
     """
-    at = closest(old.keys, old.place, keys, place)
-    found, rest = at >= 0, np.zeros_like(slip.state.jump)
-    of_points = np.array(slip.gap.operator.slave_sum)
-    rest[found], of_points[found] = old.rest[at[found]], old.normal[at[found]]
+    at, rest = closest(old.keys, old.place, keys, place), np.zeros_like(slip.state.jump)
+    rest[at >= 0] = old.rest[at[at >= 0]]
     slip.state.rest = rest
-    slip.state.saved = SavedNormals(normals, of_points)
 
 
 def facets(slip: Slip) -> Indices:

@@ -35,6 +35,22 @@ SLOW = 1e-3
 SAME_RATE, SLOWER = 0.1, 5.0
 
 
+class FrictionState(typing.NamedTuple):
+    """History of friction after a step; arrays are replaced, never written into.
+
+    Attributes:
+        slipped: See :class:`FrictionHistory`.
+        rate: Largest slip rate.
+        rate_is_final: Whether the first step with slip is over.
+        dissipated: Dissipated energy, this rank's part.
+    """
+
+    slipped: tuple[Array, ...]
+    rate: float | None
+    rate_is_final: bool
+    dissipated: float
+
+
 class FrictionHistory:
     """Friction of a contact, with the data that are kept when the contact pairs are updated.
 
@@ -76,6 +92,19 @@ class FrictionHistory:
     def penalty(self, eps: float) -> float:
         """ε in tangential direction, for a given ε of the gaps."""
         return eps if self.given_penalty is None else self.given_penalty
+
+    # --- State
+
+    @property
+    def state(self) -> FrictionState:
+        """The history up to now, to be restored if a step fails."""
+        return FrictionState(tuple(self.slipped), self.rate, self._rate_is_final, self.dissipated)
+
+    def restore(self, state: FrictionState) -> None:
+        """Go back to an earlier state."""
+        self.slipped = list(state.slipped)
+        self.rate, self._rate_is_final = state.rate, state.rate_is_final
+        self.dissipated = state.dissipated
 
     # --- Rates
 

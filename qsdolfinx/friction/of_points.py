@@ -42,21 +42,6 @@ class OfPoints(typing.NamedTuple):
     normal: Array
 
 
-class SavedNormals(typing.NamedTuple):
-    """Normals of the contact pairs with which a checkpoint was written: vectors turn from these.
-
-    When a checkpoint is read, contact detection is repeated for bodies that have moved a little
-    further. This does not turn the vectors: two successive rotations are not exactly one rotation.
-
-    Attributes:
-        of_nodes: See ``carried.normals_of_nodes``.
-        of_points: Normals of the points that have the same positions now, (points, gdim).
-    """
-
-    of_nodes: Array
-    of_points: Array
-
-
 def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Array:
     """``rest`` of the closest old point between the same facets, 0 without one, (points, gdim).
 

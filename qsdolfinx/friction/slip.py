@@ -18,10 +18,11 @@ from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows, Slid
-from qsdolfinx.friction.of_points import OfPoints, SavedNormals, SmoothRest, are_same
+from qsdolfinx.friction.of_points import OfPoints, SmoothRest, are_same
 from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
+from qsdolfinx.gap.no_value import check_finite
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import NodeRows, PointRows
 from qsdolfinx.gap.weighted_gap import Vecs, WeightedGap
@@ -89,7 +90,8 @@ class SlipState:
         reached: With constraints at points and a penalty, τ of the nodes at the last solution, of
             the shape of ``augmented``, which it becomes at the end of the step; None before the
             first solution.
-        saved: Normals of the contact pairs with which a checkpoint was written; None otherwise.
+        saved: After a checkpoint has been read, transfers its data to a slip of new contact pairs:
+            to transfer them first to the present pairs would change them. None otherwise.
         begun: With updated geometry, the positions at the start of the step; None before these are
             known.
         of_points: With updated geometry, data of the points at the start of the step, see ``rest``;
@@ -164,7 +166,7 @@ class SlipState:
     rest: Array | float = 0.0
     reached: Array | None = None
     of_vertices: OfVertices | None = None
-    saved: SavedNormals | None = None
+    saved: typing.Callable[[Slip], None] | None = None
     begun: Places | None = None
     of_points: OfPoints | None = None
     of_nodes: Array | None = None
@@ -671,6 +673,9 @@ class Slip:
             rows: Input of the law.
             means: Whether multipliers are means over the step, as the stresses due to a velocity:
                 during the time in contact they are larger than the means.
+
+        Raises:
+            NoMultiplierError: If τ is not finite, on this rank alone.
         """
         share, of_vectors = rows.share, rows.share[:, None]
         in_whole_step = not means or bool(np.all(share == 1))
@@ -682,6 +687,9 @@ class Slip:
             )
         with named_keys(self.friction, "friction"):
             response = self.friction.respond(rows)
+        given = [("slip", rows.slip), ("pressure", rows.pressure), *rows.memory.items()]
+        named = f"friction: {type(self.friction).__name__}.respond"
+        check_finite(named, response.traction, given, self.gap.of)
         if in_whole_step:
             return response
         return response._replace(
@@ -890,7 +898,7 @@ class Slip:
     def end_step(self) -> None:
         """Start the next step from the end of this one."""
         traction, rows = self.state.response.traction, self.gap.rows
-        self.state.used = self._used()
+        self.state.used, self.state.saved = self._used(), None
         if isinstance(rows, PointRows):
             if self.state.reached is not None:
                 self.state.augmented = self.state.reached

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.no_value import NoGapError
 from qsdolfinx.gap.own_rows import FacedVertices, OwnRows
 from qsdolfinx.gap.vertex_normals import NormalsThere
 from qsdolfinx.surface.affine import trace_positions
@@ -44,10 +45,6 @@ MOST_TURNED = 2.6
 def follows(sliding: str, law: Law) -> bool:
     """Whether gaps have updated geometry: with finite sliding, but ties keep their pairs."""
     return sliding == "finite" and not law.jump
-
-
-class NoGapError(ValueError):
-    """Gaps cannot be measured for these positions: an iterate of Newton's method is too far off."""
 
 
 class Found(typing.NamedTuple):

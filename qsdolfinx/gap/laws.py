@@ -62,7 +62,7 @@ class Law(abc.ABC):
         """Slope φ''(ḡ) ≥ 0 for each constraint, stress per length, shape (rows,).
 
         If λ falls while the gap grows, return the secant λ/ḡ. A constraint with slope 0 is inactive
-        and carries nothing, whatever ``multiplier`` returns.
+        and carries nothing, whatever finite number ``multiplier`` returns.
 
         Args:
             gap: Weighted gaps, shape (rows, 1) or (rows, gdim).
@@ -221,6 +221,10 @@ class Conductance(JumpLaw):
             at = ", ".join(f"{values[i]:.6g}" for values in state)
             raise ValueError(f"h: must be finite and not negative, not {out[i]:.6g} at ({at})")
         return out
+
+
+#: Laws of the library, whose results need no checks.
+BUILT_IN: tuple[type[Law], ...] = (Tied, Unilateral, Conductance)
 
 
 def _is_function(h: typing.Any) -> bool:

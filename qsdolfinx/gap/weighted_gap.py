@@ -27,7 +27,8 @@ from qsdolfinx.gap.following import (
     SlipAtPoints,
 )
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
-from qsdolfinx.gap.laws import Law
+from qsdolfinx.gap.laws import BUILT_IN, Law
+from qsdolfinx.gap.no_value import check_finite
 from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import NodeRows, PointRows, Rows
 from qsdolfinx.gap.tie import Places as TiePlaces
@@ -138,6 +139,7 @@ class WeightedGap:
             is then the derivative at the last evaluation. None for gaps that are linear in u.
         turns: Whether gaps between tied surfaces are co-rotated with the master: ``"finite"``, with
             each evaluation, or ``"small"``, by small rotations since meshes moved; None for not.
+        of: Name of the contact in errors of its law; None for none.
     """
 
     def __init__(
@@ -151,11 +153,14 @@ class WeightedGap:
         augmented: bool,
         following: Following | None = None,
         turns: str | None = None,
+        of: str | None = None,
     ) -> None:
         self.slave = slave
         self.master = master
         self.points = points
         self.law = law
+        #: Name of the contact in errors; None for none.
+        self.of = of
         self._kind, self._share, self._is_augmented = KINDS.index(rows), share, augmented
         self.following = following
         #: The last evaluation of gaps with updated geometry.
@@ -250,7 +255,7 @@ class WeightedGap:
             return self
         surfaces = self.slave, self.master
         return WeightedGap(
-            *surfaces, self.points, self.law, self._share, "cover", self._is_augmented
+            *surfaces, self.points, self.law, self._share, "cover", self._is_augmented, of=self.of
         )
 
     @property
@@ -613,8 +618,7 @@ class WeightedGap:
             part: a, the factor of the multipliers at the constraints, see ``PointConstraints``.
         """
         eps = penalty * self.relative_penalty
-        with named_keys(self.law, "law"):
-            density = self.law.energy(self._shifted(eps), eps, **self.state.memory.known)
+        density = self._of_law("energy", (self.num_rows,), self._shifted(eps), eps)
         if self.state.conductance is not None:
             return float(self.weight @ density)
         known = np.sum(self._augmented_at_rows() ** 2, axis=1)
@@ -648,27 +652,45 @@ class WeightedGap:
     # --- The law, with its history variables
 
     def multiplier_of(self, gap: Array, eps: Array) -> Array:
-        """λ of the law for these gaps (stress), of the shape of the gaps.
+        """λ of the law for these gaps (stress), of the shape of the gaps. Collective.
 
         Raises:
-            ValueError: If a user's law returns anything else.
+            ValueError: If a user's law returns an array of another shape.
+            NoMultiplierError: If it returns a number that is not finite.
         """
-        with named_keys(self.law, "law"):
-            found = np.asarray(self.law.multiplier(gap, eps, **self.state.memory.known))
-        text = f"law: multiplier must return an array of the gap's shape {gap.shape}"
-        require(found.shape == gap.shape, f"{text}, not {found.shape}")
-        return found
+        return self._of_law("multiplier", gap.shape, gap, eps)
 
     def slope_of(self, gap: Array, eps: Array, touching: float) -> Array:
-        """∂λ/∂ḡ of the law for these gaps (stress per length), (rows,).
+        """∂λ/∂ḡ of the law for these gaps (stress per length), (rows,). Collective.
 
         Raises:
-            ValueError: If a user's law returns anything else.
+            ValueError: If a user's law returns an array of another shape.
+            NoMultiplierError: If it returns a number that is not finite.
         """
-        with named_keys(self.law, "law"):
-            found = np.asarray(self.law.slope(gap, eps, touching, **self.state.memory.known))
-        text = f"law: slope must return an array of shape ({self.num_rows},)"
-        require(found.shape == (self.num_rows,), f"{text}, not {found.shape}")
+        return self._of_law("slope", (self.num_rows,), gap, eps, touching)
+
+    def _of_law(
+        self, function: str, shape: tuple[int, ...], gap: Array, eps: Array, *others: float
+    ) -> Array:
+        """Result of a function of the law; errors are raised on all ranks. Collective.
+
+        Args:
+            function: Name of the function.
+            shape: Shape of its result.
+            gap: Gaps, the first argument.
+            eps: ε, the second argument.
+            others: Further arguments.
+        """
+        known, call = self.state.memory.known, getattr(self.law, function)
+        if type(self.law) in BUILT_IN:
+            return np.asarray(call(gap, eps, *others))
+        with collective_errors(self.slave.comm), named_keys(self.law, "law"):
+            found = np.asarray(call(gap, eps, *others, **known))
+            whole = "the gap's shape" if function == "multiplier" else "shape"
+            text = f"law: {function} must return an array of {whole} {shape}, not {found.shape}"
+            require(found.shape == shape, text)
+            named = f"law: {type(self.law).__name__}.{function}"
+            check_finite(named, found, [("gap", gap), *known.items()], self.of)
         return found
 
     def commit(self, penalty: float) -> None:

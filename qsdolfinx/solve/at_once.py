@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.base.reasons import NOT_FINITE
 from qsdolfinx.contact import overclosed
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoMultiplierError, NoValueError
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NoConvergence
@@ -104,7 +105,7 @@ class AtOnce:
                 try:
                     with system.watch.stage("solve"):
                         z = loop.solve(equations.first(), begins=False)
-                except (NoConvergence, NoGapError):
+                except (NoConvergence, NoValueError):
                     for thing in (loop, equations):
                         thing.destroy()
                     loop, equations = last
@@ -119,7 +120,7 @@ class AtOnce:
             else:
                 warn(UNSETTLED, ContactWarning)
             self._again = True
-        except (NoConvergence, NoGapError) as error:
+        except (NoConvergence, NoValueError) as error:
             self._note_failure(error, loop)
             self._again = False
             return False
@@ -140,11 +141,13 @@ class AtOnce:
         """Whether bodies have slid to nodes whose initial overclosure is allowed. Collective."""
         return any([overclosed.follow_bodies(contact) for contact in self._system.contacts])
 
-    def _note_failure(self, error: NoConvergence | NoGapError, loop: OneNewton) -> None:
+    def _note_failure(self, error: NoConvergence | NoValueError, loop: OneNewton) -> None:
         """Store the reason why there is no solution."""
         self.reason, self.linear_reason, self.why = LATE, 0, str(error)
-        if isinstance(error, NoGapError):
-            self._newton.note_unseen(str(error))
+        if isinstance(error, NoValueError):
+            self._newton.note_unseen(error)
+            if isinstance(error, NoMultiplierError):
+                self.reason = NOT_FINITE
             return
         self.reason, self.linear_reason = error.reason, error.linear
         if error.linear and loop.has_idle_tools:
@@ -157,7 +160,7 @@ class AtOnce:
         has_moved = self._has_moved()
         try:
             z = loop.solve(z, is_guess=has_moved, softly=softly)
-        except (NoConvergence, NoGapError):
+        except (NoConvergence, NoValueError):
             if not has_moved:
                 raise
             self._newton.record.restarts += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import typing
 
 from qsdolfinx.contact.advice import CHORDS
 from qsdolfinx.contact.between_nodes import find_deep_between_nodes, find_deep_corners
@@ -12,7 +13,7 @@ from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.reach import ReachWarning, find_passed_through
 from qsdolfinx.contact.slid import find_slid
-from qsdolfinx.contact.turned import find_turned_tie
+from qsdolfinx.contact.turned import find_turned_normals, find_turned_tie
 from qsdolfinx.solve.chord_pressure import find_chord_pressure
 from qsdolfinx.solve.newton import Newton
 
@@ -23,6 +24,12 @@ OF_A_SOLVE = (
     Check("deep between nodes", find_deep_between_nodes, ContactType.GAPS),
     Check("turned tie", find_turned_tie, ContactType.TIE),
     Check("slid with small sliding", find_slid, ContactType.GAPS),
+    Check(
+        "turned normals",
+        find_turned_normals,
+        ContactType.NORMAL,
+        unless="slid with small sliding",
+    ),
     Check("edges that cross", find_crossing_edges, ContactType.NORMAL),
     Check("deep edges", find_deep_edges, ContactType.NORMAL),
 )
@@ -33,14 +40,19 @@ OF_A_STEP = tuple(
     check for check in OF_A_SOLVE if check.find not in (find_passed_through, find_slid)
 )
 
+#: Checks after an attempt at a time step, after which contact pairs may still be updated.
+OF_AN_ATTEMPT = tuple(check for check in OF_A_SOLVE if check.find is find_passed_through)
 
-def diagnose(newton: Newton, contact: ContactModel, is_step: bool = False) -> None:
+
+def diagnose(
+    newton: Newton, contact: ContactModel, checks: typing.Sequence[Check] = OF_A_SOLVE
+) -> None:
     """Run the checks of a solution, and warn of the problems found. Collective.
 
     Args:
         newton: Newton's method, at the solution.
         contact: Contact of the system.
-        is_step: Whether it is the end of a time step.
+        checks: The checks.
     """
     chords = Check(CHORDS, functools.partial(find_chord_pressure, newton), ContactType.NORMAL)
-    look(contact, [*(OF_A_STEP if is_step else OF_A_SOLVE), chords])
+    look(contact, checks if checks is OF_AN_ATTEMPT else [*checks, chords])

@@ -16,11 +16,11 @@ import numpy.typing as npt
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.passing import passing
 from qsdolfinx.base.reasons import NOT_FINITE
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoMultiplierError, NoValueError
 from qsdolfinx.linear.factors_again import OF_A_LIBRARY, begin_afresh
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.solve.convergence import RESTING, Convergence, Measures
-from qsdolfinx.solve.snes import SNES_OPTIONS, ConvergenceError, forget_failure
+from qsdolfinx.solve.snes import LAW_NOT_FINITE, SNES_OPTIONS, ConvergenceError, forget_failure
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
@@ -103,7 +103,7 @@ class Context:
         forces: For each group, the largest acting or unbalanced forces at the start of any run of
             the solve. None before the first run.
         until: Norm of the residual at which a linear solve is accurate enough.
-        unseen: Why the residual could not be evaluated somewhere; empty if it always could.
+        unseen: Why the residual could not be evaluated somewhere; None if it always could.
         failure: Exception raised by a callback: PETSc would replace it by an error of its own.
         active: Active constraints of each contact on this rank, in an iteration on other unknowns.
         other: Equations on other unknowns that SNES solves; None if it solves for the bodies'
@@ -118,7 +118,7 @@ class Context:
     least: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     forces: Array | None = None
     until: float = 0.0
-    unseen: str = ""
+    unseen: NoValueError | None = None
     failure: BaseException | None = None
     active: list[int] | None = None
     other: Other | None = None
@@ -144,8 +144,8 @@ def residual(snes: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec, context: Context) -> 
     """Evaluate the residual."""
     try:
         f.array[:] = context.system.residual(x.array_r)
-    except NoGapError as error:  # on all ranks
-        context.unseen = str(error)
+    except NoValueError as error:  # on all ranks
+        context.unseen = error
         f.array[:] = np.nan
 
 
@@ -284,7 +284,7 @@ class Newton:
         """Start a new record."""
         self.record = self._context.record = Record()
         self._context.forces = None
-        self._context.unseen = ""
+        self._context.unseen = None
 
     def update_matrices(self) -> None:
         """Create matrices for the present contact pairs, if there are none. Collective."""
@@ -381,9 +381,9 @@ class Newton:
             self.update_matrices()
         self.linear.assemble()
 
-    def note_unseen(self, text: str) -> None:
-        """Store why gaps could not be found somewhere, for error messages."""
-        self._context.unseen = text
+    def note_unseen(self, error: NoValueError) -> None:
+        """Store why contact could not be evaluated somewhere, for error messages."""
+        self._context.unseen = error
 
     def fail(self, reason: int, linear_reason: int | None = None, why: str = "") -> typing.NoReturn:
         """Raise the error for a solve that ends with this reason. Collective.
@@ -397,6 +397,9 @@ class Newton:
         if linear_reason is None:
             linear_reason = self.snes.getKSP().getConvergedReason()
         forget_failure(self.snes)
+        unseen = self._context.unseen
+        if isinstance(unseen, NoMultiplierError) and reason == NOT_FINITE:
+            reason, why = LAW_NOT_FINITE, why or str(unseen)
         record = self.record
         active = record.active_of_all(self.system.comm)
         linear = self.system.linear and not self.system.slips
@@ -407,8 +410,8 @@ class Newton:
         is_short = longest < SNES_OPTIONS["snes_max_it"]
         if is_short and reason == PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT:
             error.advise(f"snes_max_it = {longest} in petsc_options allows few iterations")
-        if self._context.unseen and not why:
-            error.advise(self._context.unseen)
+        if unseen is not None and not why:
+            error.advise(str(unseen))
         raise error
 
     def note(self, iteration: int, x: Array, norm: float, active: list[int]) -> None:
@@ -465,8 +468,8 @@ class Newton:
             return reason
         try:
             norm = float(np.linalg.norm(self.system.residual(self.system.x.array_r)))
-        except NoGapError as error:
-            self._context.unseen = str(error)
+        except NoValueError as error:
+            self._context.unseen = error
             return failures[reason]
         norm = float(np.sqrt(self.system.comm.allreduce(norm**2)))
         judged = 0 if reason == reasons.CONVERGED_ITS else 1  # no test was made in its iterations

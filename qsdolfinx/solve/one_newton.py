@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
@@ -160,7 +160,7 @@ class OneNewton:
             there = self.equations.evaluate(z + step)
             if self._merit(there) <= LEFT * self._merit(at):
                 return z + step, there, 1.0
-        except NoGapError:
+        except NoValueError:
             pass
         self.equations.evaluate(z)
         return None
@@ -238,7 +238,7 @@ class OneNewton:
             return False
         try:
             there = self._merit(self.equations.evaluate(z + change))
-        except NoGapError:
+        except NoValueError:
             return True
         return not there <= FAR_OFF * self._merit(at)
 
@@ -265,14 +265,14 @@ class OneNewton:
                 if there is None:
                     break
                 found = there
-        except (NoConvergence, NoGapError):
+        except (NoConvergence, NoValueError):
             pass
         finally:
             self.equations.soften(1.0)
         return found
 
     def _follow(self, z: Array) -> Array | None:
-        """Solve to :const:`NEAR`, starting from z; None if an active set occurs again. Collective."""
+        """Solve to NEAR, starting from z; None if an active set occurs again. Collective."""
         sets = list[bytes]()
         self._balance.begin()
         at = self.equations.evaluate(z, first=True, again=self._again)
@@ -349,12 +349,12 @@ class OneNewton:
                 return rest
         largest: float | None = None
         losing: float | None = None
-        unseen: NoGapError | None = None
+        unseen: NoValueError | None = None
         for _ in range(MAX_HALVINGS):
             try:
                 there = self.equations.evaluate(z + step * change)
                 merit = self._merit(there)
-            except NoGapError as error:
+            except NoValueError as error:
                 merit, unseen = np.inf, error
             if np.isfinite(merit):
                 if self._loses_a_tool(at, there):
@@ -383,7 +383,7 @@ class OneNewton:
             return None
         try:
             return self._until_rest(z, at, change, far)
-        except NoGapError:  # on all ranks
+        except NoValueError:  # on all ranks
             return None
 
     def _until_rest(

@@ -25,8 +25,10 @@ from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.held import begin_solve, check_held
+from qsdolfinx.contact.law_check import check_law
 from qsdolfinx.contact.memory import begin_step, end_step
 from qsdolfinx.contact.shown import copy_of
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.linear.presets import PRESETS, pick
 from qsdolfinx.linear.schur import Forms, check_schur, has_schur, num_inside_cells
 from qsdolfinx.linear.solver import LinearSolver, preset_options
@@ -40,7 +42,7 @@ from qsdolfinx.solve.arguments import (
 )
 from qsdolfinx.solve.at_once import AtOnce, are_condensed
 from qsdolfinx.solve.before import Before
-from qsdolfinx.solve.diagnostics import diagnose
+from qsdolfinx.solve.diagnostics import OF_A_SOLVE, OF_AN_ATTEMPT, diagnose
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
@@ -199,7 +201,7 @@ class ContactProblem:
         self.stabilisation_shares: list[float] = []
         self._had_contacts = False
         self._steps_within = 0
-        self._watches_reach = True
+        self._watches_reach, self._is_checked = True, False
         compiling = Compiling(form_compiler_options, jit_options, entity_maps)
         bodies = [Body(f, x, held, K, compiling) for f, x, held, K in given.bodies]
         prefix = f"qsdolfinx_{next(_counter)}_" if petsc_options_prefix is None else ""
@@ -407,7 +409,7 @@ class ContactProblem:
     # --- Solving
 
     @contextlib.contextmanager
-    def one_step(self, watch: bool = True) -> typing.Iterator[None]:
+    def one_step(self, watch: bool = True, has_checks: bool = False) -> typing.Iterator[None]:
         """Treat all solves inside the block as attempts at one step. Collective.
 
         Friction counts slip from the end of the last step. Without this block each solve that
@@ -417,17 +419,21 @@ class ContactProblem:
             watch: Whether solves warn of points that have passed through the other surface without
                 being found, see :class:`ReachWarning`. Not needed if the caller checks this at the
                 end of the step.
+            has_checks: Whether the caller makes all other checks of contacts at the end of the
+                step, as a time stepper does: contact pairs may still be updated in the step.
         """
         self.system.check_alive()
         if self._steps_within == 0:
             self._at_once.begin_step()
         self._steps_within += 1
-        before, self._watches_reach = self._watches_reach, watch and self._watches_reach
+        before = self._watches_reach, self._is_checked
+        self._watches_reach = watch and self._watches_reach
+        self._is_checked = has_checks or self._is_checked
         try:
             yield
         finally:
             self._steps_within -= 1
-            self._watches_reach = before
+            self._watches_reach, self._is_checked = before
         if self._steps_within == 0:
             for contact in self.system.contacts:
                 end_step(contact)
@@ -453,6 +459,7 @@ class ContactProblem:
             body.begin_solve()
         self.newton.update_matrices()
         for contact in self.system.contacts:
+            check_law(contact)
             motion.move_tool(contact)
             if contact.friction is not None:
                 contact.friction.read_parameters(contact.slips)
@@ -556,7 +563,8 @@ class ContactProblem:
                 self.active_history = error.active_history
                 if error.reason != OF_USER:
                     self._advise(error)
-                self.system.residual(start)  # gaps and multipliers too
+                with contextlib.suppress(NoValueError):  # of a law, after the gaps
+                    self.system.residual(start)  # gaps and multipliers too
                 for contact, before in zip(self.system.contacts, shown, strict=True):
                     contact.kept = before
             for body, array in zip(self.bodies, state, strict=True):
@@ -566,7 +574,7 @@ class ContactProblem:
         for contact, (s, m) in zip(self.system.contacts, self.sides, strict=True):
             unknowns = self.bodies[s].x, None if m is None else self.bodies[m].x
             if self._watches_reach:
-                diagnose(self.newton, contact)
+                diagnose(self.newton, contact, OF_AN_ATTEMPT if self._is_checked else OF_A_SOLVE)
             check_held(contact, *unknowns)
         if self._watches_reach:
             check_unsupported(self.system, start)

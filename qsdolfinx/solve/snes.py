@@ -53,12 +53,16 @@ OF_USER = -1003
 #: The same for a solve that is ended before its largest number of iterations.
 NO_PROGRESS = -1004
 
+#: The same for a user's law that returns numbers that are not finite.
+LAW_NOT_FINITE = -1005
+
 _NAMES = {
     NOT_CLOSED: "GAP_NOT_CLOSED",
     NOT_BALANCED: "FORCE_NOT_BALANCED",
     LOST: "BODY_LOST",
     OF_USER: "RAISED_BY_USER",
     NO_PROGRESS: "NO_PROGRESS",
+    LAW_NOT_FINITE: "LAW_NOT_FINITE",
 }
 
 
@@ -66,6 +70,10 @@ _NAMES = {
 REMEDIES = {
     "DIVERGED_LINEAR_SOLVE": 'conditions may be missing; or take linear_solver="direct"',
     "GAP_NOT_CLOSED": 'take a larger gap_tolerance, penalty="auto", or the other side as the slave',
+    "LAW_NOT_FINITE": (
+        "a law must return finite numbers for all gaps; if it grows too fast for the gaps of an "
+        "iterate, continue it as a straight line, or take smaller steps"
+    ),
     "FORCE_NOT_BALANCED": "a tool may pull, or a body may not resist its force",
 }
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.reasons import reason_name
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.solve.balance import Balance
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import NewtonStep, NoConvergence
@@ -122,7 +122,7 @@ class SnesOnZ:
             return reason
         try:
             at = self._equations.evaluate(z)
-        except NoGapError:
+        except NoValueError:
             return int(JUDGED[reason])
         self._measure(at)
         return int(REASONS.CONVERGED_FNORM_RELATIVE if self._is_found else JUDGED[reason])
@@ -134,7 +134,7 @@ class SnesOnZ:
         equations = self._equations
         try:
             at = equations.evaluate(x.array_r.copy())
-        except NoGapError:  # on all ranks
+        except NoValueError:  # on all ranks
             f.array[:] = np.nan
             return
         f.array[:] = equations.in_forces(equations.residual_of(at))

@@ -25,6 +25,32 @@ Keys = npt.NDArray[np.int64]
 _MANIFEST = "checkpoint.json"
 
 
+class StoredPoints:
+    """Points of a checkpoint: keys that identify them on any partition, and values.
+
+    Args:
+        comm: Communicator of the ranks, each of which has a share of the points.
+        known: Keys of this rank's share, (points, n). Several points may have the same keys.
+        values: Their values, (points, m).
+    """
+
+    def __init__(self, comm: MPI.Intracomm, known: Keys, values: Array) -> None:
+        self._comm, self._known, self._values = comm, known, values
+
+    def find(self, keys: Keys) -> tuple[Keys, Array]:
+        """Keys and values of all points that have one of these keys, from any rank. Collective.
+
+        Args:
+            keys: The keys, (wanted, n).
+
+        Returns:
+            Keys and values, (found, n) and (found, m).
+        """
+        wanted = np.unique(keys, axis=0)
+        number, found = find(self._comm, self._known, self._values, wanted)
+        return wanted[number], found
+
+
 class Checkpoint:
     """State of functions and meshes in a folder.
 
@@ -153,16 +179,11 @@ class Checkpoint:
             with np.load(folder / f"{name}.npz") as file:
                 return {key: file[key] for key in file.files}
 
-    def points(self, name: str, keys: Keys) -> tuple[Keys, Array] | None:
-        """Keys and values of all stored points that have one of these keys. Collective.
+    def points(self, name: str) -> StoredPoints | None:
+        """Stored points, of which each rank has a share; None if there are none. Collective.
 
         Args:
             name: Name of the stored points.
-            keys: The keys, shape (points, n).
-
-        Returns:
-            Keys and values, shapes (stored points, n) each; None if the name is not in the
-            checkpoint.
 
         Raises:
             OSError: If there is no checkpoint.
@@ -171,9 +192,7 @@ class Checkpoint:
             known, values = self._stored([name])[name]
         if not self._comm.allreduce(known.shape[1], op=MPI.MAX):
             return None
-        wanted = np.unique(keys, axis=0)
-        number, found = find(self._comm, *_as_wide(self._comm, known, values), wanted)
-        return wanted[number], found
+        return StoredPoints(self._comm, *_as_wide(self._comm, known, values))
 
     def _stored(self, names: typing.Iterable[str]) -> dict[str, tuple[Keys, Array]]:
         """Keys and values in this rank's share of the files; one rank reads each file.

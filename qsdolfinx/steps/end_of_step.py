@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import typing
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.contact.motion import pair_anew, set_offset, set_start, show
+from qsdolfinx.contact.motion import follow_from, pair_anew, set_offset, set_start, show
 from qsdolfinx.steps.mesh_motion import MeshMotion
 
 Array = npt.NDArray[np.float64]
@@ -69,6 +70,18 @@ def pair_at(model: ContactModel, slave: Place, master: Place | None) -> None:
         pair_anew(model)
     set_offset(model, slave.offset(), None if master is None else master.offset())
     set_start(model, slave.displacements(), None if master is None else master.displacements())
+
+
+def go_on_at(model: ContactModel, slave: Place, master: Place | None) -> None:
+    """Let a contact go on from the bodies' positions, as after a step to them. Collective.
+
+    Steps of contacts with updated geometry do not repeat contact detection; others do.
+    """
+    if not model.follows:
+        pair_at(model, slave, master)
+        return
+    follow_from(model, slave.displacements(), None if master is None else master.displacements())
+    model.catch_up = functools.partial(pair_at, model, slave, master)
 
 
 def show_at(model: ContactModel, slave: Place, master: Place | None) -> None:

@@ -18,11 +18,16 @@ from qsdolfinx.contact import memory
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.carried import normals_of_nodes
 from qsdolfinx.steps.checkpoint import Checkpoint
-from qsdolfinx.steps.end_of_step import pair_at, show_at
+from qsdolfinx.steps.end_of_step import go_on_at, show_at
 from qsdolfinx.steps.stepper import TimeStepper
 from qsdolfinx.steps.stored_mesh import stored
 from qsdolfinx.steps.stored_points import load_points, stored_points
-from qsdolfinx.steps.stored_vertices import load_vertices, parts_at_vertices, stored_vertices
+from qsdolfinx.steps.stored_vertices import (
+    areas_of_vertices,
+    load_vertices,
+    parts_at_vertices,
+    stored_vertices,
+)
 from qsdolfinx.steps.tool_motion import ToolRate
 from qsdolfinx.surface.surface import Surface
 
@@ -99,10 +104,11 @@ def load_run(
 ) -> dict[str, typing.Any]:
     """Continue from a checkpoint, on any number of ranks. Collective.
 
-    Contact detection is done at the positions at which the run ended. Gaps and forces of contacts
-    are then those of the saved multipliers. They differ from the saved forces only by the change of
-    areas and normals since the contact detection of the last step. With a penalty they are those of
-    the gaps at these positions; on a curved tool this difference may be larger.
+    Contacts with finite sliding have the gaps and forces of the end of the run. With small sliding,
+    contact detection is done at the positions at which the run ended, and gaps and forces are then
+    those of the saved multipliers: they differ from the saved forces by the change of areas and
+    normals since the contact detection of the last step. With a penalty they are those of the gaps
+    at these positions; on a curved tool this difference may be larger.
 
     Args:
         stepper: The run, set up exactly as before; on the meshes of :func:`qs.load_meshes` if it
@@ -154,10 +160,10 @@ def load_run(
         rate[:] = functions_of_run[f"rate_{i}"].x.array
         stepper.missed[i] = functions_of_run[f"missed_{i}"].x.array.copy()
     for place in stepper.ends():
-        pair_at(*place)
+        go_on_at(*place)
     for i, (model, saved) in enumerate(zip(models, values["contacts"], strict=True)):
         memory.write(memory.of_contact(model), saved)
-        for q in memory.of_nodes(model):
+        for q in [*areas_of_vertices(model), *memory.of_nodes(model)]:
             # The next step rotates τ̂ to its tangent planes; rotating it here, too, would change
             # it.
             q.write(_read(q.slave, of_nodes, _name(i, q.name), q.read().shape[1]))
@@ -217,7 +223,7 @@ def _of_nodes(models: typing.Sequence[ContactModel]) -> dict[str, fem.Function]:
     """Nodal history variables of contacts, functions of degree 1, gdim columns each. Collective."""
     out: dict[str, fem.Function] = {}
     for i, model in enumerate(models):
-        for q in memory.of_nodes(model):
+        for q in [*areas_of_vertices(model), *memory.of_nodes(model)]:
             out |= _written(q.slave, q.read(), _name(i, q.name))
         for j in _at_points(model):
             slip = model.slips[j]

@@ -29,9 +29,9 @@ from qsdolfinx.base.messages import during, say
 from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.chosen_sliding import let_follow
 from qsdolfinx.contact.model import ContactModel
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoValueError
 from qsdolfinx.pairing.relief import CurvedError
-from qsdolfinx.solve.diagnostics import diagnose
+from qsdolfinx.solve.diagnostics import OF_A_STEP, diagnose
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, in_smallest_step
 from qsdolfinx.steps.end_of_step import Place, pair_at
@@ -75,6 +75,22 @@ class _Fault(Exception):
         self.hopeless, self.distorted = hopeless, distorted
 
 
+class _Tried(typing.NamedTuple):
+    """An attempt at a step.
+
+    Attributes:
+        number: From 1 on in each step.
+        t: Time at its end.
+        dt: Its Δt.
+        before: Newton iterations of the step before the attempt.
+    """
+
+    number: int
+    t: float
+    dt: float
+    before: int
+
+
 class TimeStepper:
     """Time stepper: steps t → t + Δt of a contact problem, with automatic control of Δt.
 
@@ -87,11 +103,11 @@ class TimeStepper:
     cases gaps are those at the end of the step.
 
     If the solver does not converge, a cell turns inside out or a point penetrates too far, the step
-    is made again with a smaller Δt. Any other exception, such as one of ``drive``, is passed on.
-    Then, too, the state is that at the end of the last step: unknowns, meshes, tools with their
-    prescribed motion, and contacts. Each attempt is a row of :attr:`log`; an attempt that is cut
-    back is logged (INFO) with its reason. A ``problem.solve()`` after a step starts from the end of
-    the step: contact detection is done at the positions of bodies and tools there.
+    is made again with a smaller Δt. Any other exception, such as one of ``drive`` or of a law, is
+    passed on. Then, too, the state is that at the end of the last step: unknowns, meshes, tools
+    with their prescribed motion, and contacts. Each attempt is a row of :attr:`log`; an attempt
+    that is cut back is logged (INFO) with its reason. A ``problem.solve()`` after a step starts
+    from the end of the step: contact detection is done at the positions of bodies and tools there.
 
     Contacts whose ``sliding`` was not given get finite sliding in the stepper, where this is
     possible; see :class:`qs.Contact`.
@@ -399,33 +415,43 @@ class TimeStepper:
         self.num_iterations = self._num_solves = 0
         start = self._scene.snapshot()
         self._starts = self._scene.penetration.starts()
-        with self.problem.one_step(watch=not self._scene.penetration.is_limited):
-            t, dt = self._try(t_end, dt, start)
-        self._accept(t, dt, start)
+        try:
+            watch = not self._scene.penetration.is_limited
+            with self.problem.one_step(watch=watch, has_checks=True):
+                made = self._try(t_end, dt, start)
+            self._note(made, None)
+        except BaseException:  # also of a law's commit, which is called at the end of the block
+            self._restore(start)
+            raise
+        dt = made.dt
+        self._accept(made.t, dt, start)
         if dt < planned:
             self.dt = dt
         elif dt >= self.dt and self.num_iterations <= self.easy * self._num_solves:
             self.dt = min(dt * self.growth, self.dt_max)
         return dt
 
-    def _try(self, t_end: float | None, dt: float, start: Snapshot) -> tuple[float, float]:
-        """Make attempts until one succeeds; returns its end and its Δt."""
-        attempt = 0
+    def _try(self, t_end: float | None, dt: float, start: Snapshot) -> _Tried:
+        """Make attempts until one succeeds; returns this attempt.
+
+        Raises:
+            StepError: If none does.
+        """
+        number = 0
         while True:
-            attempt += 1
+            number += 1
             # t + (t_end - t) may differ from t_end by rounding.
             lands = t_end is not None and dt == t_end - self.t
             t = t_end if lands and t_end is not None else self.t + dt
-            before = self.num_iterations
+            tried = _Tried(number, t, dt, self.num_iterations)
             try:
                 with during(f"step {self.num_steps + 1}, t = {t:g}"):
                     self._attempt(t, dt, start)
-                self._note(attempt, t, dt, before, None)
-                return t, dt
-            except (ConvergenceError, NoGapError, _Fault) as error:
+                return tried
+            except (ConvergenceError, NoValueError, _Fault) as error:
                 hopeless = isinstance(error, _Fault) and error.hopeless
                 smallest = dt * self.cutback < self.dt_min
-                self._note(attempt, t, dt, before, error, hopeless or smallest)
+                self._note(tried, error, hopeless or smallest)
                 self._restore(start)
                 self.num_cutbacks += 1
                 if hopeless:
@@ -436,19 +462,8 @@ class TimeStepper:
                         f"succeeds; the last attempt: {in_smallest_step(error)}"
                     ) from error
                 dt *= self.cutback
-            except BaseException:
-                self._restore(start)
-                raise
 
-    def _note(
-        self,
-        attempt: int,
-        t: float,
-        dt: float,
-        before: int,
-        error: Exception | None,
-        is_last: bool = False,
-    ) -> None:
+    def _note(self, tried: _Tried, error: Exception | None, is_last: bool = False) -> None:
         """Add an attempt to the log, and print a message if it is cut back. Collective."""
         system = self.problem.system
         names = [contact.called(i) for i, contact in enumerate(system.contacts)]
@@ -456,17 +471,19 @@ class TimeStepper:
         closed: typing.Sequence[int] = []
         if isinstance(error, ConvergenceError):
             closed = error.active_history[-1] if error.active_history else []
-        elif not isinstance(error, NoGapError) and system.has_matrices:
+        elif not isinstance(error, NoValueError) and system.has_matrices:
             counts = np.array(system.num_active_local(), dtype=np.int64)
             closed = system.comm.allreduce(counts, op=MPI.SUM).tolist()
         result = ACCEPTED if error is None else FAILED if is_last else CUT_BACK
-        iterations, step = self.num_iterations - before, self.num_steps + 1
-        self.log.add(Attempt(step, attempt, t, dt, iterations, result, reason, tuple(closed)))
+        iterations, step = self.num_iterations - tried.before, self.num_steps + 1
+        of_attempt = step, tried.number, tried.t, tried.dt, iterations
+        self.log.add(Attempt(*of_attempt, result, reason, tuple(closed)))
         if result == CUT_BACK:
             say(
                 system.comm,
-                f"step {step}, attempt {attempt} from t = {self.t:g} with Δt = {dt:g} is cut back "
-                f"to Δt = {dt * self.cutback:g} after {iterations} iterations: {reason}",
+                f"step {step}, attempt {tried.number} from t = {self.t:g} with Δt = {tried.dt:g} "
+                f"is cut back to Δt = {tried.dt * self.cutback:g} after {iterations} iterations: "
+                f"{reason}",
             )
 
     def _restore(self, start: Snapshot) -> None:
@@ -596,7 +613,7 @@ class TimeStepper:
         if fault is not None:
             raise _Fault(fault)
         for contact in self.problem.contacts:
-            diagnose(self.problem.newton, contact.model, is_step=True)
+            diagnose(self.problem.newton, contact.model, OF_A_STEP)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

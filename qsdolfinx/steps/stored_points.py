@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 from petsc4py import PETSc
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy.typing as npt
 from qsdolfinx.friction import carried
 from qsdolfinx.friction.of_points import OfPoints, closest
 from qsdolfinx.friction.slip import Slip
-from qsdolfinx.steps.checkpoint import Checkpoint, vertex_unknowns
+from qsdolfinx.steps.checkpoint import Checkpoint, StoredPoints, vertex_unknowns
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -43,20 +45,40 @@ def load_points(slip: Slip, normals: Array, checkpoint: Checkpoint, name: str) -
         checkpoint: The checkpoint.
         name: Name of the stored points.
     """
-    now = _now(slip) if slip.gap.following is not None else None
-    keys, place = _known_by(slip) if now is None else _numbered(slip, now.keys, now.place)
-    found = checkpoint.points(name, keys)
-    if found is None:
+    points = checkpoint.points(name)
+    if points is None:
         return
-    known, values = found
-    ends = np.cumsum([place.shape[1], slip.gap.slave.gdim])
-    old = OfPoints(known, *np.split(values, ends, axis=1))
-    if now is None:
-        carried.take_saved(slip, normals, old, keys, place)
-    else:
-        at = closest(old.keys, old.place, keys, place)
-        now.rest[at >= 0] = old.rest[at[at >= 0]]
-        slip.state.of_points = now
+    if slip.gap.following is None:
+        carried.show_saved(slip, *_saved(points, slip))
+        slip.state.saved = functools.partial(_take_saved, points, normals)
+        return
+    now = _now(slip)
+    keys, place = _numbered(slip, now.keys, now.place)
+    old = _of_points(slip, *points.find(keys))
+    at = closest(old.keys, old.place, keys, place)
+    now.rest[at >= 0] = old.rest[at[at >= 0]]
+    slip.state.of_points = now
+
+
+def _take_saved(points: StoredPoints, normals: Array, slip: Slip) -> None:
+    """Transfer saved values to a slip of new contact pairs. Collective."""
+    carried.take(slip, normals, *_saved(points, slip))
+
+
+def _saved(points: StoredPoints, slip: Slip) -> tuple[OfPoints, Indices, Array]:
+    """Saved points between the facets of a slip's points; keys and positions of these. Collective.
+
+    Contact pairs of the end of the run are not those of its last contact detection, nor those of
+    the next step: for both, the points come from the saved ones.
+    """
+    keys, place = _known_by(slip)
+    return _of_points(slip, *points.find(keys)), keys, place
+
+
+def _of_points(slip: Slip, keys: Indices, values: Array) -> OfPoints:
+    """Stored points from their keys and values."""
+    ends = np.cumsum([slip.gap.slave.num_facet_vertices, slip.gap.slave.gdim])
+    return OfPoints(keys, *np.split(values, ends, axis=1))
 
 
 def _now(slip: Slip) -> OfPoints:

@@ -1,10 +1,17 @@
-"""Store the multipliers of a tool's vertices in a checkpoint, with keys for any partition."""
+"""Store vertices with points of their own in a checkpoint, for any partition.
+
+Vertices of bodies have areas, which stay as they were when the vertices were chosen, at the slave's
+nodes. Vertices of a tool have keys, and multipliers of their own.
+"""
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.contact.memory import OfNodes
 from qsdolfinx.contact.model import ContactModel, Part
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.own_rows import OfVertices
@@ -13,6 +20,39 @@ from qsdolfinx.steps.checkpoint import Checkpoint
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
+
+
+def areas_of_vertices(model: ContactModel) -> list[OfNodes]:
+    """Areas of vertices of bodies that have points, (nodes, block), for each gap that has some.
+
+    Vertices that bear keep their points and areas in the next step: those that would be chosen at
+    the end of the run may be others.
+    """
+    return [
+        OfNodes(
+            f"vertices_{j}",
+            gap.slave,
+            functools.partial(_areas, gap),
+            functools.partial(_set_areas, model, gap),
+        )
+        for j, gap in enumerate(model.gaps)
+        if gap.state.vertices is not None and gap.own is None
+    ]
+
+
+def _areas(gap: WeightedGap) -> Array:
+    assert gap.state.vertices is not None
+    return gap.state.vertices
+
+
+def _set_areas(model: ContactModel, gap: WeightedGap, areas: Array) -> None:
+    """Use other vertices and areas, at the same positions. Collective."""
+    assert gap.following is not None and gap.cut is not None
+    gap.state.vertices = areas
+    gap.show(gap.following.cut(gap.cut.places, areas))
+    for slip in model.slips:
+        if slip.gap is gap:
+            slip.take_operator()
 
 
 def parts_at_vertices(model: ContactModel) -> list[tuple[int, Part, WeightedGap]]:
@@ -41,9 +81,10 @@ def load_vertices(part: Part, gap: WeightedGap, checkpoint: Checkpoint, name: st
         name: Name of the stored vertices.
     """
     own, keys = gap.own, _keys(gap)
-    found = checkpoint.points(name, keys)
-    if found is None:
+    points = checkpoint.points(name)
+    if points is None:
         return
+    found = points.find(keys)
     assert own is not None and gap.state.vertices is not None
     at = [np.flatnonzero(np.all(found[0] == key, axis=1))[0] for key in keys]
     values = found[1][np.array(at, dtype=np.int64)]
@@ -58,5 +99,5 @@ def _keys(gap: WeightedGap) -> Indices:
     """Keys of the vertices that have multipliers: bits of initial coordinates, (multipliers, 3)."""
     (tool,), own = gap.master.tools, gap.own
     assert own is not None
-    unknowns = tool.as_facets(gap.slave.axisymmetric).node_dofs[own.vertex, 0]
-    return np.ascontiguousarray(tool.initial_vertices(unknowns)).view(np.int64)
+    x = tool.as_facets(gap.slave.axisymmetric).initial_vertices(own.vertex)
+    return np.ascontiguousarray(x).view(np.int64)

@@ -90,12 +90,10 @@ class CondensedRows:
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """Evaluate gaps and λ, and which constraints have a λ that varies. Collective."""
         gap = self.gap.state.values
-        with collective_errors(self.model.comm):  # the law may be user code
-            found = self.gap.multiplier(self.model.eps)
-            slope = active_set.slope(self.model, self.gap)
-            active = slope > 0
-            if self.gap.law.memory:
-                _check_slope(slope, found)
+        found = self.gap.multiplier(self.model.eps)
+        slope = active_set.slope(self.model, self.gap)
+        active = slope > 0
+        _check_slope(self.model, slope, found)
         if opened is not None:
             active &= ~opened
         pressure = np.where(active[:, None], found, 0.0)
@@ -104,8 +102,7 @@ class CondensedRows:
 
     def stiffness(self, at: Normal) -> Array:
         """Stiffness φ''(ḡ) of the constraints (stress per length), (rows, width). Collective."""
-        with collective_errors(self.model.comm):
-            slope = active_set.slope(self.model, self.gap)
+        slope = active_set.slope(self.model, self.gap)
         out = np.where(at.active, slope, 0.0)[:, None] * np.ones(self._width)
         condensed = self.gap.condensed
         return out if condensed is None else out * ~condensed
@@ -168,18 +165,23 @@ class CondensedRows:
         return self.scales.largest()
 
 
-def _check_slope(slope: Array, pressure: Array) -> None:
+def _check_slope(model: ContactModel, slope: Array, pressure: Array) -> None:
     """Raise an error for slopes of a history law by which loaded constraints would be inactive.
 
+    Collective.
+
     Raises:
-        ValueError: If there are such slopes.
+        ValueError: If there are such slopes on any rank.
     """
+    if not model.law.memory:
+        return
     lost = ~(slope > 0) & np.any(pressure != 0, axis=1)
     text = (
         "law: slope must be positive where the multiplier is not 0; if that falls or stays "
         "constant as the gap grows, return the secant multiplier/gap"
     )
-    require(not (lost.any() or np.any(slope < 0)), text)
+    with collective_errors(model.comm):
+        require(not (lost.any() or np.any(slope < 0)), text)
 
 
 class PointConstraints(CondensedRows):
@@ -230,10 +232,21 @@ class PointConstraints(CondensedRows):
         Args:
             own: Multipliers of the vertices.
         """
-        held, out = self.gap.extension, np.ones((own.num_multipliers, 1), dtype=bool)
+        return np.asarray(self._held_part(own) < ALL_HELD)
+
+    def _held_part(self, own: OwnRows) -> Array:
+        """Part of the functions at a tool's vertices of nodes held on both sides. Collective.
+
+        Args:
+            own: Multipliers of the vertices.
+
+        Returns:
+            The parts, (vertices, 1).
+        """
+        held, out = self.gap.extension, np.zeros((own.num_multipliers, 1))
         if held is not None:
             of_points = self._points.from_sides(held.held.astype(np.float64))
-            out[:, 0] = own.from_rows(of_points) < ALL_HELD
+            out[:, 0] = own.from_rows(of_points)
         return out
 
     def has_others(self) -> bool:
@@ -343,11 +356,9 @@ class PointConstraints(CondensedRows):
         pressure, active = trial, trial[:, 0] > 0
         if not self._is_unilateral:
             shifted = np.asarray(trial / self.gamma, dtype=np.float64)
-            with collective_errors(self.model.comm):  # the law is user code
-                pressure = self.gap.multiplier_of(shifted, self._penalty)
-                slope = self._slope(trial)
-                if self.gap.law.memory:
-                    _check_slope(slope, pressure)
+            pressure = self.gap.multiplier_of(shifted, self._penalty)
+            slope = self._slope(trial)
+            _check_slope(self.model, slope, pressure)
             active = slope > 0
         elif first:
             active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
@@ -358,7 +369,7 @@ class PointConstraints(CondensedRows):
         return Normal(multiplier, gap, trial, pressure, active, pressure)
 
     def _slope(self, trial: Array) -> Array:
-        """Slope φ'' of the user's law (stress per length), (points,)."""
+        """Slope φ'' of the user's law (stress per length), (points,). Collective."""
         shifted = np.asarray(trial / self.gamma, dtype=np.float64)
         return self.gap.slope_of(shifted, self._penalty, self.model.paired.touching)
 
@@ -419,8 +430,7 @@ class PointConstraints(CondensedRows):
     def stiffness(self, at: Normal) -> Array:
         """Stiffness γ at active points. Collective."""
         if not self._is_unilateral:
-            with collective_errors(self.model.comm):  # the law is user code
-                slope = self._slope(at.trial)
+            slope = self._slope(at.trial)
             return np.asarray(np.where(at.active, slope, 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
@@ -448,5 +458,13 @@ class PointConstraints(CondensedRows):
         return known[1]
 
     def softened(self, at: Normal) -> Array:
-        """See ``NormalRows``."""
-        return np.asarray((-self.proximal / self.gamma * self.areas).ravel())
+        """See ``NormalRows``. Collective.
+
+        The compliance of a tool's vertex that faces almost only held nodes falls with the square of
+        the part of the functions that is not held; so does what is subtracted. A constant would be
+        larger than the compliance, and an iteration would close 1 % of the gap.
+        """
+        out = -self.proximal / self.gamma * self.areas
+        if self.gap.own is not None:
+            out = out * (1 - self._held_part(self.gap.own))[self.free, None] ** 2
+        return np.asarray(out.ravel())

@@ -7,7 +7,6 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
@@ -192,10 +191,9 @@ class NodalRows:
         return self.gap.num_rows * self._width
 
     def first(self) -> Array:
-        """First guess of λ: known values, and ε [ḡ]₊ of the last evaluation at other nodes."""
+        """First guess of λ: known values, elsewhere ε [ḡ]₊ of the last evaluation. Collective."""
         known, gap = self.gap.state.augmented, self.gap
-        with collective_errors(self.model.comm):  # a law may be user code
-            new = gap.law.multiplier(gap.state.values, self.scales.penalty)
+        new = gap.multiplier_of(gap.state.values, self.scales.penalty)
         return np.where(known == 0, new, known)
 
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
@@ -369,8 +367,7 @@ class AugmentedLawRows(NodalRows):
     def evaluate(self, multiplier: Array, first: bool, opened: Flags | None) -> Normal:
         """See ``NormalRows``."""
         at = super().evaluate(multiplier, first, opened)
-        with collective_errors(self.model.comm):  # the law is user code
-            image = self.gap.law.multiplier(at.trial / self._c[:, None], self._c)
+        image = self.gap.multiplier_of(at.trial / self._c[:, None], self._c)
         active = self._slope(at.trial) > 0
         if opened is not None:
             active &= ~opened
@@ -388,8 +385,7 @@ class AugmentedLawRows(NodalRows):
     def _slope(self, trial: Array) -> Array:
         """Slope φ'' of the law (stress per length), (rows,). Collective."""
         shifted = np.asarray(trial / self._c[:, None], dtype=np.float64)
-        with collective_errors(self.model.comm):
-            return self.gap.law.slope(shifted, self._c, self.model.paired.touching)
+        return self.gap.slope_of(shifted, self._c, self.model.paired.touching)
 
     def _slopes(self, at: Normal) -> tuple[Array, Array]:
         """Derivatives for constraints that are not redundant, (rows,) each. Collective."""

@@ -30,6 +30,8 @@ class FacetSurface:
             facets, (facets, 3); facets are affine, so there are no further nodes.
         trace_dofs: Unknowns of the vertices, (facets, vertices, gdim), and their owners.
         local_size: Unknowns of this rank.
+        initial: Coordinates of the facets' vertices when the tool was made, of the same shape: they
+            identify vertices on any number of ranks.
     """
 
     comm: MPI.Intracomm
@@ -38,6 +40,7 @@ class FacetSurface:
     coordinates: tuple[Array, Array, None]
     trace_dofs: tuple[Indices, npt.NDArray[np.int32]]
     local_size: int
+    initial: Array
 
     @property
     def num_facet_vertices(self) -> int:
@@ -53,6 +56,12 @@ class FacetSurface:
     def node_dofs(self) -> Indices:
         """Unknowns of the vertices that this rank owns, (vertices, gdim)."""
         return np.asarray(self.cpp_object.node_dofs)
+
+    def initial_vertices(self, owned: Indices) -> Array:
+        """Initial coordinates of some of the vertices that this rank owns, by number, (n, 3)."""
+        known, first = np.unique(self.trace_dofs[0][:, :, 0], return_index=True)
+        at = first[np.searchsorted(known, self.node_dofs[owned, 0])]
+        return np.asarray(self.initial.reshape(-1, 3)[at])
 
     @property
     def node_area(self) -> Array:

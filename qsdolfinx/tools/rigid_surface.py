@@ -424,14 +424,8 @@ class RigidSurface:
             (x, facets.behind(x), None),
             (facets.dofs(self.gdim), facets.owner),
             facets.num_owned * self.gdim,
+            facets.x,
         )
-
-    def initial_vertices(self, unknowns: npt.NDArray[np.int64]) -> Array:
-        """Initial coordinates of vertices of this rank, by their first fictitious unknowns, (n, 3).
-
-        They identify vertices on any number of ranks.
-        """
-        return self._facets.initial(unknowns // self.gdim)
 
     def twin(self, axisymmetric: bool) -> _cpp.Surface:
         """New independent object of the C++ extension with the tool's facets. Collective.

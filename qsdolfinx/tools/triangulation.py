@@ -68,11 +68,6 @@ class Facets:
         """Fictitious unknowns of the vertices, shape (facets, vertices, gdim)."""
         return np.ascontiguousarray(self.vertices[..., None] * gdim + np.arange(gdim))
 
-    def initial(self, numbers: Indices) -> Array:
-        """Initial coordinates of vertices of this rank's facets by global number, (numbers, 3)."""
-        known, first = np.unique(self.vertices, return_index=True)
-        return np.asarray(self.x.reshape(-1, 3)[first[np.searchsorted(known, numbers)]])
-
     def behind(self, x: Array) -> Array:
         """Points behind the facets, for other vertex coordinates, shape (facets, 3)."""
         return np.asarray(x.mean(axis=1) - self.sign[:, None] * area_vectors(x))

@@ -68,6 +68,26 @@ def test_nothing_to_warn_of(quadrature, formulation, law):
     assert found == []
 
 
+# --- Few partners
+
+
+@pytest.mark.parallel
+def test_few_partners():
+    """The message counts nodes beyond the search distance apart from those that are paired."""
+    bottom, _ = square(0.02, 60)
+    x = np.array([[-1.0, 1.0], [0.0, 0.0], [1.0, -1.0]])
+    master = qs.RigidSurface.triangulated(WORLD, x, [[1, 0], [2, 1]])
+    radius = 0.05
+    (text,) = warned(
+        lambda: qs.Contact(bottom, master, search_radius=radius, initial_overclosure="ignore")
+    )
+    words = r"only (\d+) of \d+ slave nodes .* but (\d+) others face .* from (\S+) on"
+    found = re.search(words, text)
+    assert found, text
+    paired, others, away = int(found[1]), int(found[2]), float(found[3])
+    assert 0 < paired and paired + others <= 61 and radius < away < radius + 2 / 60
+
+
 # --- Finer master
 
 

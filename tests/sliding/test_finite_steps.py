@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoGapError
 
 
 def drag(steps, sliding, mu=0.2):

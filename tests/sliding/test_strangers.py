@@ -9,7 +9,7 @@ from scenes import WORLD, largest, plane
 
 import qsdolfinx as qs
 from qsdolfinx.contact import motion
-from qsdolfinx.gap.following import NoGapError
+from qsdolfinx.gap.no_value import NoGapError
 from qsdolfinx.system.equations import Equations
 
 

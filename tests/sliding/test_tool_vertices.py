@@ -5,7 +5,9 @@ import pathlib
 import numpy as np
 import pytest
 from following import Body, problem_of
-from scenes import WORLD, box, largest, plane
+from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+
+from dolfinx import fem
 
 import qsdolfinx as qs
 
@@ -166,3 +168,25 @@ def test_restart(degree, mu, tmp_path_factory):
         assert largest(forces[1] - forces[0]) < 1e-8 * largest(forces[0])
         for stepper in steppers:
             stepper.step()
+
+
+@pytest.mark.parametrize("part", (1e-2, 1e-3, 1e-4, 1e-5))
+def test_beside_a_held_node(part):
+    """A corner that faces almost only a node that conditions hold moves the node beside it.
+
+    Its compliance falls with the square of the part that is not held; formerly an iteration closed
+    1 % of its gap, or no solution was found.
+    """
+    msh = box(WORLD, (8, 4), "quadrilateral", [0.0, 0.0], [2.0, 1.0])
+    V = vector_space(msh)
+    u, tip = fem.Function(V), 2 - 0.25 * part
+    x = np.array([[tip - 0.6, 1.6], [tip, 1.0], [tip + 0.6, 1.6]])
+    tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]])
+    contact = qs.Contact(qs.Surface(V, facets=plane(msh, 1, 1.0)), tool, sliding="finite")
+    bcs = [clamp(V, plane(msh, axis, at)) for axis, at in ((1, 0.0), (0, 2.0))]
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs])
+    tool.displacement[-1] = -1e-3 * part
+    problem.solve()
+    assert problem.num_iterations <= 5
+    # The node beside moves by 1e-3, whatever the part.
+    assert abs(contact.force("master")[1] * part - 7.268e-4) < 1e-6

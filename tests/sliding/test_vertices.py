@@ -1,5 +1,6 @@
 """Vertices at sharp edges with finite sliding carry force from first contact on."""
 
+import pathlib
 import warnings
 
 import numpy as np
@@ -381,6 +382,19 @@ class Rough:
         self.surface = self.body.surface(np.concatenate(rough))
 
 
+def rough_run(**options):
+    """Return contact and stepper of two rough blocks that slide on each other every other step."""
+    upper = Rough((10, 5), (0.3, 1.3), (0.045, 0.8), 101)
+    lower = Rough((33, 5), (0.0, 3.0), (-1.0, 0.0), 1)
+    contact = qs.Contact(upper.surface, lower.surface, **options)
+
+    def drive(t, dt):
+        way = 0.1 * ((round(t) + 1) // 2)
+        upper.held.value[:] = max(way - 0.5, 0.0), -0.06 * min(2 * way, 1.0)
+
+    return contact, qs.TimeStepper(problem_of([upper.body, lower.body], [contact]), 1.0, drive)
+
+
 @pytest.mark.parallel
 def test_vertices_that_bear_keep_their_points():
     """Vertices with force keep their points; otherwise a step at rest would lose equilibrium.
@@ -388,18 +402,32 @@ def test_vertices_that_bear_keep_their_points():
     Facets next to some vertices rotate under pressure, so that new contact detection would find no
     points for these vertices.
     """
-    upper = Rough((10, 5), (0.3, 1.3), (0.045, 0.8), 101)
-    lower = Rough((33, 5), (0.0, 3.0), (-1.0, 0.0), 1)
-    contact = qs.Contact(upper.surface, lower.surface)
-
-    def drive(t, dt):
-        way = 0.1 * ((round(t) + 1) // 2)
-        upper.held.value[:] = max(way - 0.5, 0.0), -0.06 * min(2 * way, 1.0)
-
-    stepper = qs.TimeStepper(problem_of([upper.body, lower.body], [contact]), 1.0, drive)
+    contact, stepper = rough_run()
     force = np.zeros(2)
     for t in stepper.run(12.0):
         if round(t) % 2 == 0:
             assert stepper.num_iterations == 0
             np.testing.assert_allclose(contact.force("slave"), force, rtol=1e-7)
         force = contact.force("slave")
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("mu", (0.0, 0.3))
+def test_restart(mu, tmp_path_factory):
+    """A run goes on from a checkpoint exactly: vertices and smooth patches are those of the run.
+
+    Those that would be chosen for the surfaces as they are at the end of the run are others.
+    """
+    folder = pathlib.Path(WORLD.bcast(str(tmp_path_factory.mktemp("run")), root=0)) / "state"
+    options = {"friction": qs.Coulomb(mu) if mu else None}
+    contact, stepper = rough_run(**options)
+    for _ in stepper.run(10.0):
+        pass
+    qs.save_run(stepper, folder)
+    again, resumed = rough_run(**options)
+    qs.load_run(resumed, folder)
+    for _ in range(2):
+        force = contact.force("slave")
+        assert largest(again.force("slave") - force) < 1e-10 * largest(force)
+        stepper.step()
+        resumed.step()

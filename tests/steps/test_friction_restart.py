@@ -129,12 +129,42 @@ class Flowing(Upset):
         self.tool.displacement = [way * dt, -dt]
 
 
+class Overhanging:
+    """A block with a rounded bottom that is dragged beyond the end of another block, and back.
+
+    In the step back, points between other facets come near each other.
+    """
+
+    PATH = ((0.0, -0.02), (0.05, -0.03), (0.1, -0.04), (0.15, -0.05), (0.12, -0.05), (0.2, -0.05))
+
+    def __init__(self, comm=WORLD, partition="forward", **options):
+        low = box(comm, (7, 3), "triangle", [0.0, 0.0], [1.0, 0.5], partition)
+        top = box(comm, (5, 3), "triangle", [0.35, 0.5], [1.05, 1.0], "backward")
+        facets = plane(low, 1, 0.5), plane(top, 1, 0.5)
+        x = top.geometry.x
+        x[:, 1] += 0.7 * (x[:, 0] - 0.7) ** 2 * (1.0 - x[:, 1])
+        V = [vector_space(msh) for msh in (low, top)]
+        u, self.motion = [fem.Function(space) for space in V], fem.Constant(top, (0.0, 0.0))
+        dofs = fem.locate_dofs_topological(V[1], 1, plane(top, 1, 1.0))
+        bcs = [[clamp(V[0], plane(low, 1, 0.0))], [fem.dirichletbc(self.motion, dofs, V[1])]]
+        surfaces = [qs.Surface(V[i], facets=facets[i]) for i in (1, 0)]
+        options = {"friction": qs.Coulomb(0.3), "search_radius": 0.05} | options
+        self.contacts = [qs.Contact(*surfaces, **options)]
+        F = [elastic(u[0]), elastic(u[1], E=2.0)]
+        self.problem = qs.ContactProblem(F, u, self.contacts, bcs)
+        self.stepper = qs.TimeStepper(self.problem, 1.0, self.move)
+
+    def move(self, t, dt):
+        self.motion.value[:] = self.PATH[round(t) - 1]
+
+
 CASES = {
     "tool": (Dragged, {"kind": "tool"}),
     "body": (Dragged, {"kind": "body"}),
     "ball": (Rolled, {}),
     "corner": (Cornered, {}),
     "flow": (Flowing, {}),
+    "overhanging": (Overhanging, {}),
 }
 
 
@@ -169,6 +199,9 @@ def states(contact):
         ("corner", 2, AUGMENTED),
         ("flow", 2, PENALTY),
         ("flow", 2, AUGMENTED),
+        ("overhanging", 4, PENALTY),
+        ("overhanging", 4, AUGMENTED),
+        ("overhanging", 4, AUGMENTED | FINITE),
         ("tool", 1, AUGMENTED | FINITE),
         ("body", 2, PENALTY | FINITE),
         ("ball", 2, AUGMENTED | FINITE),
