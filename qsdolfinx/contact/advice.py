@@ -28,9 +28,6 @@ CHORDS = "chord errors"
 #: Part of the slave's nodes near the master that are paired at least in any valid model.
 FEW = 0.1
 
-#: Absolute cosine above which surfaces face each other, or face away from each other.
-FACING = 0.1
-
 #: Facet size of the master over that of the slave below which nodal quadrature leaves spikes in the
 #: traction. A ratio of one half gives no warning, to allow for rounding and graded meshes.
 FINER = 0.45
@@ -108,11 +105,10 @@ def find_no_flow(model: ContactModel) -> str:
 def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
     distance, normal = tool.distance(model.slave.node_x)
     cosine = np.sum(normal * model.slave.node_normal, axis=1)
-    close, facing = np.abs(distance) <= model.paired.search_radius, cosine < -FACING
+    close, facing = np.abs(distance) <= model.paired.search_radius, cosine < _cpp.facing_cosine
     away = float(np.min(np.abs(distance[facing]), initial=np.inf))
-    near, turned, faces = (
-        _total(model, np.count_nonzero(mask)) for mask in (close, close & (cosine > FACING), facing)
-    )
+    masks = close, close & (-cosine < _cpp.facing_cosine), facing
+    near, turned, faces = (_total(model, np.count_nonzero(mask)) for mask in masks)
     return Candidates(near, turned, faces, model.comm.allreduce(away, op=MPI.MIN))
 
 

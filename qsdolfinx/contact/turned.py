@@ -6,14 +6,12 @@ from mpi4py import MPI
 
 import numpy as np
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact.model import ContactModel
 
 #: Spurious traction, over the largest traction of the tie, that gaps rotated by small rotations may
 #: cause: test_turned_by_hand in tests/steps/test_ties.py.
 NOTICED = 0.05
-
-#: Error of a gap over the smallest facet, a strain, that counts as zero: tests/steps/test_ties.py.
-NONE = 1e-7
 
 
 def find_turned_tie(model: ContactModel) -> str | None:
@@ -46,6 +44,6 @@ def turning_error(model: ContactModel) -> float:
     both_found = np.array([error, largest])
     model.comm.Allreduce(MPI.IN_PLACE, both_found, op=MPI.MAX)
     error, largest = both_found
-    if error <= NONE * model.paired.facet_size or largest * model.compliance == 0.0:
+    if error <= SOLVED * model.paired.facet_size or largest * model.compliance == 0.0:
         return 0.0
     return float(error / (model.compliance * largest))

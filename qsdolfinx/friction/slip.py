@@ -32,10 +32,6 @@ Array = npt.NDArray[np.float64]
 #: Rounding error of slips, relative to coordinates.
 OF_RATES = 10 * np.finfo(np.float64).eps
 
-#: Least part of the surroundings of a constraint that has slipped for the constraint to count as
-#: slipped.
-MOST = 0.5
-
 #: Least arc length along surfaces over its chord for which the chord may point backwards.
 FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
 
@@ -657,7 +653,7 @@ class Slip:
     @property
     def has_slipped(self) -> npt.NDArray[np.bool_]:
         """Constraints that slipped at the start of the step, or most of their surroundings did."""
-        return np.asarray(self.state.slipped >= MOST)
+        return np.asarray(self.state.slipped >= 0.5)
 
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -23,9 +24,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Where the contact law is evaluated: for the weighted gaps of nodes, or for the gaps of points.
 CONSTRAINTS = ("nodes", "points")
-
-#: Part of the area of a side of a node; with a smaller covered area a multiplier is not determined.
-LEAST_COVER = 0.1
 
 #: Relative accuracy of projections onto nodes, and largest number of iterations. Where nodes are
 #: covered, the mass matrix over its diagonal is as well conditioned as that of one facet.

@@ -16,21 +16,27 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Ranks = npt.NDArray[np.int32]
 
-#: Cosine of the angle (0.5°) up to which a facet counts as parallel to the opposite surface: the
-#: points of the facet then detect contact.
-FLAT = float(np.cos(np.pi / 360))
+#: Angle (radians) up to which a facet counts as parallel to the opposite surface, and its points
+#: detect contact, or two edges as parallel. Less is within what facets of one plane differ by in
+#: files; edges at a few times this angle already cross.
+PARALLEL = np.pi / 360
+FLAT = float(np.cos(PARALLEL))
 
 #: The same angle (5°) for updated gaps: faces that are pressed on each other turn gradually, and
 #: the constraint of one of their vertices would repeat those of the points beside it.
 PRESSED_FLAT = float(np.cos(np.pi / 36))
 
-#: Sine of the angle (20°) up to which a facet may be inclined towards the opposite surface: a body
-#: that bends around a tip is inclined first with one of its faces, and then with another one.
-TOWARDS = float(np.sin(np.pi / 9))
+#: Angle (radians) up to which a facet may be inclined towards the opposite surface: a body that
+#: bends around a tip is inclined first with one of its faces, and then with another one. By more,
+#: facets of a tool are inclined at vertices that get points, and sharp edges to the normal: a
+#: surface that a punch presses flat turns by less at the corner of the punch.
+INCLINED = np.pi / 9
+TOWARDS, UPRIGHT = float(np.sin(INCLINED)), float(np.cos(INCLINED))
 
 
-#: Largest depth of edges and vertices, in units of the largest facet: with a larger depth the
-#: opposite surface may be the far side of a body, and the points of facets detect such depths.
+#: Depth, in units of the largest facet, above which the opposite surface may be the far side of a
+#: body. Edges and vertices have no points in contact that are deeper, since the points of facets
+#: detect such depths, and time steps end with less penetration.
 DEEPEST = 0.5
 
 

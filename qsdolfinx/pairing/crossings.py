@@ -14,8 +14,10 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.pairing.ahead import (
     FLAT,
+    PARALLEL,
     PRESSED_FLAT,
     TOWARDS,
+    UPRIGHT,
     between,
     deepest,
     linear,
@@ -29,14 +31,6 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-
-#: Sine of the least angle between two sharp edges that cross (0.5°), and between a sharp edge and a
-#: mesh line.
-ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
-
-#: Cosine of the least angle (20°) between a sharp edge and the normal: with a smaller angle only
-#: the end of the edge protrudes.
-UPRIGHT = float(np.cos(np.pi / 9))
 
 #: Part of the shorter edge within which a crossing counts as at the end of the sharp edge, or as
 #: the same as another crossing.
@@ -477,7 +471,7 @@ def _crossing(
     sharp = there.are_sharp
     normal = np.where(sharp[:, None], np.cross(along, across), -there.normal.sum(axis=1))
     size = np.linalg.norm(normal, axis=1)
-    least = ACROSS * np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
+    least = np.sin(PARALLEL) * np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
     keep = size > np.where(sharp, least, 1e-300)
     normal = normal / np.maximum(size, 1e-300)[:, None]
     outward = np.sum(normal * here.normal.sum(axis=1), axis=1)
@@ -490,6 +484,7 @@ def _crossing(
     keep &= (t >= -ROUNDING) & (t < np.where(sharp, 1 - ROUNDING, 1 + ROUNDING))
     gap = np.sum((there.at(t) - here.at(s)) * normal, axis=1)
     keep &= (gap <= reach[0]) & (gap >= -min(reach))
+    # Of an edge along the normal, only the end protrudes.
     keep &= np.abs(np.sum(along * normal, axis=1)) < UPRIGHT * np.linalg.norm(along, axis=1)
     keep &= _leads_away(here, normal) & (~sharp | _leads_away(there, -normal))
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
@@ -505,7 +500,7 @@ def _lines_closest(
 
     a, b, c = seen(along), seen(across), seen(there.x[:, 0] - here.x[:, 0])
     of_area = np.sum(np.cross(a, b) * normal, axis=1)
-    least = ALONG * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    least = np.sin(PARALLEL) * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     is_across = np.abs(of_area) > np.maximum(least, 1e-300)
     of_area = np.where(is_across, of_area, 1.0)
     s = np.sum(np.cross(c, b) * normal, axis=1) / of_area

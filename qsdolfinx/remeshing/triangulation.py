@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.remeshing.features import Edge, Features
 from qsdolfinx.remeshing.outline import listed
 
@@ -26,9 +27,6 @@ OFF_LINE = 0.05
 
 #: Largest and smallest length of edges, in units of the requested size, that are not changed.
 LONG, SHORT = 4 / 3, 4 / 5
-
-#: Sum of the angles (radians) opposite to an edge above which the edge is flipped.
-FACING = math.pi + 1e-6
 
 
 class Triangulation:
@@ -228,7 +226,7 @@ class Triangulation:
             c, d = self._opposite(first, a, b), self._opposite(second, a, b)
             if self._is_edge(c, d) or min(len(self.star[a]), len(self.star[b])) <= 3:
                 continue
-            if self._angle(c, a, b) + self._angle(d, a, b) <= FACING:
+            if self._angle(c, a, b) + self._angle(d, a, b) <= math.pi + SOLVED:
                 continue
             old = [self.faces[first], self.faces[second]]
             new = [_replaced(old[0], b, d), _replaced(old[1], a, c)]

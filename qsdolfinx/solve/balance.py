@@ -9,11 +9,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.solve.convergence import ROUNDING
 from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.stabilisation import VANISHING
 from qsdolfinx.surface.unknowns import is_vertex_scalar
-from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, PROXIMAL
+from qsdolfinx.system.condensed_rows import PROXIMAL
 from qsdolfinx.system.derivative import REGULAR
 from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL
 from qsdolfinx.system.passes import State
 from qsdolfinx.system.system import ContactSystem
 
@@ -22,10 +25,6 @@ Array = npt.NDArray[np.float64]
 #: Largest stiffness of the springs of bodies without any Dirichlet condition, over the diagonal of
 #: the stiffness matrix of the body.
 SPRINGS = 1e-4
-
-#: Stiffness of the springs, over that diagonal, of bodies that have some conditions, if these and
-#: the active constraints leave a rigid motion free.
-UNHELD = 1e-3
 
 #: Residual, relative to contact forces, below which the regularisation of constraints at contact
 #: quadrature points decreases.
@@ -36,9 +35,6 @@ RTOL_TOOLS = 1e-8
 
 #: Number of iterations within rounding level after which a solve ends, even if steps are halved.
 MOST_REFINED = 10
-
-#: Rounding errors of forces and gaps, in units in the last place of the largest coordinate.
-ROUNDING = 50 * np.finfo(np.float64).eps
 
 
 class Iterate(typing.NamedTuple):
@@ -106,7 +102,7 @@ class Balance:
         self.open_gap = 0.0
         #: Number of iterates when a step was last shortened.
         self._cut_after = 0
-        self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
+        self._times_in_floor, self._is_held, self._unheld = 0, True, VANISHING
         #: Active and sticking constraints of each integration side at the last iterate, and whether
         #: these sets are unchanged since the iterate before.
         self._sets: list[npt.NDArray[np.bool_]] = []
@@ -169,16 +165,17 @@ class Balance:
         self.history.append(found)
         free = equations.system.made.hold.free_motions([e.active for e in at.passes])
         self._is_held = free.shape[1] == 0
-        self._unheld = UNHELD
+        self._unheld = VANISHING
         if not self._is_held and self._may_go_far:
-            self._unheld = min(UNHELD, self._spring_of(R, free))
+            self._unheld = min(VANISHING, self._spring_of(R, free))
         limits = max(self._rtol * forces, of_rates), self._rtol * largest[1]
+        share = ROUNDING * float(np.finfo(np.float64).eps)
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces])
         rounded, largest[2] = max(rounded, *self._seen), max(*largest[1:], self._last)
         self._last = float(largest[1])
-        self.until = max(self.until, float(ROUNDING * rounded))
-        floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
+        self.until = max(self.until, float(share * rounded))
+        floors = max(limits[0], share * rounded), max(limits[1], share * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
         # One more iteration with a full step, as a refinement, reduces the error to rounding level.
         self._times_in_floor = self._times_in_floor + 1 if in_floor else 0

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.base.reasons import NOT_FINITE
+from qsdolfinx.contact.slid import NEARBY
 from qsdolfinx.gap.following import NoGapError
-from qsdolfinx.solve.balance import Balance
+from qsdolfinx.solve.balance import LITTLE, Balance
 from qsdolfinx.solve.mixing import LEFT, Mixing
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NewtonStep, NoConvergence
@@ -32,16 +33,11 @@ MAX_HALVINGS, FALL = 8, 1e-4
 #: largest remaining work, over the work at the start; most evaluations.
 SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 
-#: Relative tangential displacement of bodies in a step, in facets, above which this search is made,
-#: too: see ``tests/problems/test_engineering_2.py``, a pad that friction alone holds.
-FAR = 0.5
-
 #: Part of the first step below which the start is a poor one.
 POOR = 0.1
 
-#: Part of γ used at the start of solves without known multipliers, tolerance of this phase, and its
-#: most iterations.
-SOFT, NEAR, MOST_SOFT = 1e-4, 1e-2, 30
+#: Part of γ used at the start of solves without known multipliers, and most iterations with it.
+SOFT, MOST_SOFT = 1e-4, 30
 
 
 class OneNewton:
@@ -240,7 +236,7 @@ class OneNewton:
             at = equations.evaluate(found, first=True, again=self._again)
             for _ in range(min(MOST_SOFT, self.max_it)):
                 done, now = self._is_found(at, 1.0), self._balance.history[-1]
-                if done or max(now.forces, now.constraints, now.tools) <= NEAR:
+                if done or max(now.forces, now.constraints, now.tools) <= LITTLE:
                     return found
                 sets.append(b"".join(e.closed.tobytes() for e in at.passes))
                 if self._comes_back(sets):
@@ -343,8 +339,8 @@ class OneNewton:
         return found, self.equations.evaluate(found), largest
 
     def _rest_nearby(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
-        """Zero of the work of forces within FAR of a step that is longer; else None. Collective."""
-        far = FAR / max(self._way(change), 1e-300)
+        """Zero of the work of forces nearby, if a step slides further; else None. Collective."""
+        far = NEARBY / max(self._way(change), 1e-300)
         if far >= 1:
             return None
         try:

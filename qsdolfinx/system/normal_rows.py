@@ -22,7 +22,7 @@ C_NORMAL = 1e-2
 #: Compliance of active constraints in the inexact derivative, over that of the penalty. With it,
 #: redundant multipliers get the smallest change, such as those of a node in two contacts with one
 #: plane.
-PROXIMAL = 1e-10
+LEAST_PROXIMAL = 1e-10
 
 #: Limits of penalty over the stiffness of the bodies for the factors. Above the first, factors use
 #: the first limit times this stiffness in place of the penalty. With an augmented Lagrangian, they
@@ -97,7 +97,7 @@ class Scales(typing.NamedTuple):
         compliance: Array = np.full_like(penalty, 0.0 if exact else np.inf)
         if not exact:  # a conductance may be 0
             np.divide(1.0, penalty, out=compliance, where=penalty > 0)
-        proximal: Array = np.asarray(exact * PROXIMAL / of_bodies)
+        proximal: Array = np.asarray(exact * LEAST_PROXIMAL / of_bodies)
         return cls(penalty, usual, soft, of_bodies, compliance, proximal)
 
     @property
