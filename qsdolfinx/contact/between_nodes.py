@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 BETWEEN = 0.08
 
 #: Such a depth in units of the largest weighted gap: a soft penalty allows this all around a node.
+#: With less, each soft penalty would get a warning.
 UNEVEN = 3.0
 
 

@@ -17,7 +17,8 @@ from qsdolfinx.surface.trace import TraceValues
 
 Flags = npt.NDArray[np.bool_]
 
-#: Gap over the size of the facets around a node that is below the resolution of the mesh.
+#: Gap over the size of the facets around a node that is below the resolution of the mesh. With
+#: more, nodes at the edge of the contact zone would count as in contact.
 NARROW = 1e-3
 
 #: State of a node: in contact, perhaps in contact, not in contact.

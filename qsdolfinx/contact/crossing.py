@@ -21,10 +21,12 @@ from qsdolfinx.pairing.distance import of_points, on_facets
 Array = npt.NDArray[np.float64]
 
 
-#: Part of its present depth that a point may have had before and still count as from outside.
+#: Part of its present depth that a point may have had before and still count as from outside. With
+#: 0, points in contact, which penetrate a little, would never count; with 1, all points would.
 OUTSIDE = 0.5
 
 #: Part of its motion by which the depth of a point may exceed the motion: paths are not straight.
+#: With much more, points near the far side of a part would count as having passed through it.
 PATH = 0.1
 
 

@@ -17,7 +17,8 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_shape
 
 Array = npt.NDArray[np.float64]
 
-#: Height range of the master over the depth range of the overclosure below which it is flat.
+#: Height range of the master over the depth range of the overclosure below which it is flat. With
+#: less, rounding decides; with more, depths that are wrong by this part get no warning.
 FLAT = 0.1
 
 

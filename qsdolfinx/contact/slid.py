@@ -22,8 +22,9 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ways = tuple[Array | None, Array | None]
 
-#: Sliding distance, in facets, up to which points keep their partners: bodies that deform slide so
-#: far. Beyond a facet, all points act on other facets than those with which they were paired.
+#: Sliding distance, over the size of a facet, up to which points keep their partners: bodies that
+#: deform slide so far. Beyond a facet, all points act on other facets than those with which they
+#: were paired.
 NEARBY = 0.5
 
 

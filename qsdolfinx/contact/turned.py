@@ -10,7 +10,7 @@ from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact.model import ContactModel
 
 #: Spurious traction, over the largest traction of the tie, that gaps rotated by small rotations may
-#: cause: test_turned_by_hand in tests/steps/test_ties.py.
+#: cause. More is an error that users see: test_rings_turned_by_hand in tests/steps/test_ties.py.
 NOTICED = 0.05
 
 

@@ -13,7 +13,8 @@ from qsdolfinx.friction.laws import Friction, Response, Rows
 Array = npt.NDArray[np.float64]
 
 #: Sticking stiffness over the penalty of a constraint, for constraints that open in the step: all
-#: of their relative displacement is slip.
+#: of their relative displacement is slip. With 1, a part of it would be elastic, and its energy not
+#: dissipated.
 RIGID = 1e6
 
 

@@ -29,11 +29,13 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
-#: Rounding error of slips, relative to coordinates.
+#: Rounding error of slips, relative to coordinates. With less, friction of rates near 0 could not
+#: be balanced; with more, solves would end early.
 OF_RATES = 10 * np.finfo(np.float64).eps
 
-#: Least arc length along surfaces over its chord for which the chord may point backwards.
-FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
+#: Least arc length along surfaces over its chord for which the chord may point backwards: larger
+#: rotations are not distinguished.
+FARTHEST = (1 - SOLVED) * MOST_TURNED / float(np.sin(MOST_TURNED))
 
 #: Largest relative change in a step of the covered part of a node's area that counts as no change:
 #: the covered area of curved surfaces depends a little on their position.

@@ -23,7 +23,8 @@ from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Iterations of GMRES above which conjugate gradients are used for a symmetric matrix.
+#: Number of iterations of GMRES above which conjugate gradients are used for a symmetric matrix:
+#: restarts make GMRES slow.
 CRAWLING = 2 * GMRES_RESTART
 
 #: Least softness of gaps of stiff bodies, over that of the softest body, with which the residual of

@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 #: Values of MUMPS' INFOG(1) for too little working space.
 SHORT_OF_MEMORY = (-8, -9)
 
-#: Most memory beyond MUMPS' estimate, in per cent.
+#: Most memory (%) beyond MUMPS' estimate, relative to this. With less, matrices with many delayed
+#: pivots cannot be factored.
 MOST_MEMORY = 100 * EXTRA_MEMORY
 
 

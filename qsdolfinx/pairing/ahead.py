@@ -8,8 +8,8 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.facets import gathered
 from qsdolfinx.pairing.points import PairingSide, with_unknowns_alone
-from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
@@ -17,8 +17,8 @@ Indices = npt.NDArray[np.int64]
 Ranks = npt.NDArray[np.int32]
 
 #: Angle (radians) up to which a facet counts as parallel to the opposite surface, and its points
-#: detect contact, or two edges as parallel. Less is within what facets of one plane differ by in
-#: files; edges at a few times this angle already cross.
+#: detect contact, or two edges as parallel. With less, facets of one plane in a file are not
+#: parallel; edges at a few times this angle already cross.
 PARALLEL = np.pi / 360
 FLAT = float(np.cos(PARALLEL))
 

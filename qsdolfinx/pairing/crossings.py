@@ -25,6 +25,7 @@ from qsdolfinx.pairing.ahead import (
 )
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.points import PairingSide
+from qsdolfinx.surface.facets import SHARP
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
@@ -33,7 +34,8 @@ Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
 #: Part of the shorter edge within which a crossing counts as at the end of the sharp edge, or as
-#: the same as another crossing.
+#: the same as another crossing. With less, two points close to each other have the same gap, and
+#: their multipliers are not determined.
 AT_END = 0.1
 
 #: Largest depth of a crossing over the distance from the sharp edge to the closest point of the
@@ -41,20 +43,12 @@ AT_END = 0.1
 WAYS = 20.0
 
 #: Least part of a facet size between two points on a sharp edge for further points between them, if
-#: both bodies are deformable.
+#: both bodies are deformable. With less, there are more points than an edge has motions.
 BENDS = 0.5
 
-#: Cosine of the angle (15°) up to which a face beside a sharp edge counts as lying on the other
-#: surface, which its points then keep out: half of the least angle of a sharp edge. The rim of a
-#: flat punch that facets resolve gives no warning (tests/sliding/test_deep_edges.py).
-SLANTED = float(np.cos(np.pi / 12))
-
-#: Parts of a facet size between the points of a sharp edge at which its depth is measured, and the
-#: most parts of an edge.
-SAMPLED, MOST_PARTS = 0.25, 200
-
-#: Number of pairs of edges that are processed at a time.
-_MANY = 1_000_000
+#: Part of a facet size between the points of a sharp edge at which its depth is measured. With 1,
+#: an edge could be deep between them.
+SAMPLED = 0.25
 
 
 class Crossings(typing.NamedTuple):
@@ -194,8 +188,9 @@ def deepest_on_faces(
 ) -> tuple[float, tuple[float, ...]]:
     """Largest penetration of sharp edges of one body in faces of the other one, in 3D. Collective.
 
-    Edges of which a facet lies on the other surface up to 15° do not count: the points of this
-    facet are as deep.
+    Edges of which a facet lies on the other surface, up to half of the angle of a sharp edge, do
+    not count: the points of this facet are as deep. So the rim of a flat punch that facets resolve
+    does not count (tests/sliding/test_deep_edges.py).
 
     Args:
         role: The two surfaces, of which one has sharp edges.
@@ -212,13 +207,15 @@ def deepest_on_faces(
     near = np.all((edges.x.max(axis=1) >= low - reach) & (edges.x.min(axis=1) <= high + reach), 1)
     creases = edges.some(edges.are_sharp & near)
     parts = np.ceil(creases.length / (SAMPLED * role.slave.facet_size_range[0]))
-    parts = np.clip(parts, 1, MOST_PARTS).astype(np.int64)
+    parts = np.clip(parts, 1, 200).astype(np.int64)  # for facets of very different sizes
     crease = np.repeat(np.arange(len(parts)), parts + 1)
     first = np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)
     place = (np.arange(len(crease)) - first) / parts[crease]
     closest, x, here = _closest(role, creases, crease, place, reach)
     depth = np.sum((closest["x"] - x) * closest["normal"], axis=1)
-    counts = closest["found"].astype(bool) & _leads_away(here, -closest["normal"], SLANTED)
+    counts = closest["found"].astype(bool) & _leads_away(
+        here, -closest["normal"], float(np.cos(SHARP / 2))
+    )
     counts &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     counts &= depth <= deepest(role.slave)
     at = int(np.argmax(np.where(counts, depth, 0.0))) if len(depth) else -1
@@ -452,7 +449,8 @@ def _candidates(
     start = np.searchsorted(lower[:, axis], low[:, axis] - longest, side="left")
     end = np.searchsorted(lower[:, axis], high[:, axis], side="right")
     count = end - start
-    parts = np.searchsorted(np.cumsum(count), np.arange(0, int(count.sum()) + _MANY, _MANY))
+    many = 1_000_000  # pairs at a time: some 100 bytes of memory each
+    parts = np.searchsorted(np.cumsum(count), np.arange(0, int(count.sum()) + many, many))
     for first, last in zip(parts, [*parts[1:], len(count)], strict=True):
         some = np.arange(first, last)
         i = np.repeat(some, count[some])

@@ -26,7 +26,8 @@ Indices = npt.NDArray[np.int64]
 #: Names of the program.
 PROGRAMS = ("mmg3d_O3", "mmg3d")
 
-#: Largest distance of MMG's surface from its smooth surface, over the largest size.
+#: Largest distance of MMG's surface from its smooth surface, over the largest size. With more,
+#: curved surfaces lose their shape; with less, MMG adds nodes.
 OFF = 0.1
 
 #: First lines of the files.

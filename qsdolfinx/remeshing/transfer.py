@@ -22,10 +22,11 @@ from qsdolfinx.remeshing.sizes import where
 Array = npt.NDArray[np.float64]
 
 #: Shift of a mesh, over its largest cell, and its direction, which is parallel to no face of a
-#: usual mesh.
+#: usual mesh. Values change by as much; with less than 1e-9, DOLFINx would not see it.
 ASIDE, _SOMEWHERE = 1e-6, np.array([0.53, 0.71, 0.46])
 
-#: Size of the largest cell of a mesh that is magnified.
+#: Size (length) of the largest cell of a mesh that is magnified. DOLFINx takes points within 1e-6
+#: as points of a cell: this must be small compared with the shift.
 LARGE = 1e3
 
 SPACE = instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace")

@@ -23,17 +23,21 @@ from qsdolfinx.system.system import ContactSystem
 Array = npt.NDArray[np.float64]
 
 #: Largest stiffness of the springs of bodies without any Dirichlet condition, over the diagonal of
-#: the stiffness matrix of the body.
+#: the stiffness matrix of the body. Stiffer springs take more iterations; with much softer ones, a
+#: body leaves its contacts in one iteration.
 SPRINGS = 1e-4
 
 #: Residual, relative to contact forces, below which the regularisation of constraints at contact
-#: quadrature points decreases.
+#: quadrature points decreases. With much less, the last iterations converge slowly; with 1, it
+#: never acts.
 LITTLE = 1e-2
 
-#: Unbalanced force of a tool over the force that drives it.
+#: Unbalanced force of a tool over the force that drives it, at the end of a solve. It is the
+#: accuracy of the tool's force; with less than some 1e-12, rounding could keep solves from ending.
 RTOL_TOOLS = 1e-8
 
 #: Number of iterations within rounding level after which a solve ends, even if steps are halved.
+#: With many, such a solve takes all iterations.
 MOST_REFINED = 10
 
 
@@ -59,8 +63,9 @@ class Iterate(typing.NamedTuple):
     step: float
 
 
-#: The residual falls slowly if it is larger than this part of its value so many iterations before:
-#: ``tests/sliding/test_pads.py``, strong friction.
+#: The residual falls slowly if it is larger than this part of its value so many iterations before;
+#: active points then get no compliance. With a small part, it would always fall slowly; with a
+#: large one, never: ``tests/sliding/test_pads.py``, strong friction.
 SLOW, SOME = 0.5, 6
 
 

@@ -14,13 +14,17 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Norm of the residual due to rounding errors, over the norm of eps K_ii x_i.
+#: Norm of the residual due to rounding errors, over the norm of eps K_ii x_i, and rounding errors
+#: of forces and gaps in units in the last place of the largest coordinate. With less, solves near
+#: rounding level do not end; with much more, they end early.
 ROUNDING = 50.0
 
-#: Last step over the unknowns, both in the 2-norm, below which the unknowns no longer change.
+#: Last step over the unknowns, both in the 2-norm, below which the unknowns no longer change. With
+#: much more, solves that diverge would end as if rounding hid their forces.
 RESTING = 1e-4
 
-#: Displacement over the size of a cell, of a body that counts as undeformed.
+#: Displacement over the size of a cell, of a body that counts as undeformed. With much more,
+#: rounding would end solves of deformed bodies.
 UNDEFORMED = 1e-4
 
 #: The same ratio, above which a body counts as very far away: a step that is small relative to such

@@ -13,7 +13,8 @@ from qsdolfinx.base.rounding import SOLVED
 
 Array = npt.NDArray[np.float64]
 
-#: Largest number of earlier iterations that are mixed.
+#: Largest number of earlier iterations that are mixed. As many convergence factors are removed at
+#: once: with one, laws with two fronts converge slowly. Each takes two vectors of memory.
 MOST = 4
 
 #: The residual falls slowly if it is larger than the first part of the residual before. Mixing must

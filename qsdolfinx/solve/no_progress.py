@@ -14,6 +14,7 @@ from qsdolfinx.system.passes import State
 from qsdolfinx.system.system import ContactSystem
 
 #: Relative difference of merits, and of parts of steps, up to which iterates count as the same.
+#: With less, cycles that converge are not seen; with more, slow convergence counts as a cycle.
 SAME = 0.01
 
 

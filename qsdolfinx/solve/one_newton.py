@@ -25,18 +25,23 @@ from qsdolfinx.system.passes import State
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Most halvings of a step, and required decrease of the merit function over the decrease predicted
-#: for the full step.
+#: Largest number of halvings of a step: with none, steps that are too long are taken; with many, a
+#: direction without a decrease takes as many evaluations. And required decrease of the merit
+#: function over the decrease predicted for the full step: with much more, good steps are halved.
 MAX_HALVINGS, FALL = 8, 1e-4
 
 #: Part of a step below which the zero of the work of forces along the step is searched first;
 #: largest remaining work, over the work at the start; most evaluations.
 SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
 
-#: Part of the first step below which the start is a poor one.
+#: Part of the first step below which the start is a poor one. With 0, solves would go on from
+#: predictions that change the volume of nearly incompressible bodies; with 1, each cut step would
+#: begin again.
 POOR = 0.1
 
-#: Part of γ used at the start of solves without known multipliers, and most iterations with it.
+#: Part of γ used at the start of solves without known multipliers, and largest number of iterations
+#: with it. With 1, the contact zone moves by a row of facets in each iteration:
+#: ``tests/problems/test_leaf_spring.py``.
 SOFT, MOST_SOFT = 1e-4, 30
 
 

@@ -9,19 +9,16 @@ import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.filled import OF_PRESSURE
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Factor c_n over the automatic penalty of the constraints (5 E/h). With small sliding it has no
-#: influence over eight decades; where contact pairs change, values from 0.1 to 1 sometimes fail.
-C_NORMAL = 1e-2
-
-#: Compliance of active constraints in the inexact derivative, over that of the penalty. With it,
-#: redundant multipliers get the smallest change, such as those of a node in two contacts with one
-#: plane.
+#: Compliance of active constraints in the inexact derivative, over that of the stiffest body. With
+#: it, redundant multipliers get the smallest change, such as those of a node in two contacts with
+#: one plane; with much more, the last iterations converge slowly.
 LEAST_PROXIMAL = 1e-10
 
 #: Limits of penalty over the stiffness of the bodies for the factors. Above the first, factors use
@@ -180,7 +177,7 @@ class NodalRows:
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         self.model, self.gap = model, gap
         self.scales = Scales.of(model, model.eps * gap.relative_penalty)
-        self._c: Array = C_NORMAL * self.scales.usual * self.scales.penalty
+        self._c: Array = 1 / OF_PRESSURE * self.scales.usual * self.scales.penalty
 
     @property
     def _width(self) -> int:
