@@ -23,10 +23,6 @@ from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Number of iterations of GMRES above which conjugate gradients are used for a symmetric matrix:
-#: restarts make GMRES slow.
-CRAWLING = 2 * GMRES_RESTART
-
 #: Least softness of gaps of stiff bodies, over that of the softest body, with which the residual of
 #: the last linear solve decreases: with less, rounding could keep it above its limit.
 SOFTEST = 1e-2
@@ -191,8 +187,9 @@ class SaddlePoint:
         tolerance, longest = linear.tolerance(self._norms, part, self._has_changed(), exact)
         if linear.is_inner and not condensed:
             longest = linear.loosen_inner(tolerance)
-        may_crawl = symmetric and not linear.is_inner and longest > CRAWLING
-        most = CRAWLING if may_crawl else longest
+        crawling = 2 * GMRES_RESTART  # iterations: restarts make GMRES slow
+        may_crawl = symmetric and not linear.is_inner and longest > crawling
+        most = crawling if may_crawl else longest
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=most)
         linear.inner_iterations = 0
         with linear.watch.stage("solve"):

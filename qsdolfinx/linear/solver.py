@@ -278,12 +278,12 @@ class LinearSolver:
             self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_tolerance(norms, until, changed)
 
-    def solve(self, load: Array, tolerance: float = EXACT) -> tuple[Array, int]:
+    def solve(self, load: Array, tolerance: float | None = None) -> tuple[Array, int]:
         """Solve with the present tangent, outside Newton's method. Collective.
 
         Args:
             load: Right-hand side, owned values.
-            tolerance: Norm of the residual over the norm of the load.
+            tolerance: Norm of the residual over the norm of the load; by default EXACT.
 
         Returns:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
@@ -294,7 +294,7 @@ class LinearSolver:
         b.array[:] = load
         if self.krylov is not None:
             self.krylov.choose_type(self._system.symmetric)
-            self.krylov.set(tolerance)
+            self.krylov.set(EXACT if tolerance is None else tolerance)
         reason = None
         try:
             with self.watch.stage("solve"):

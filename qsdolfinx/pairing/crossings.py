@@ -326,7 +326,7 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
     crease, place = places
     closest, x, here = _closest(role, creases, crease, place, reach)
     normal = -closest["normal"]
-    keep = closest["found"].astype(bool) & _leads_away(here, normal)
+    keep = closest["found"].astype(bool) & _leads_away(here, normal, FLAT)
     keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     keep &= np.sum((x - closest["x"]) * normal, axis=1) <= deepest(role.slave)
     names = ("x", "dofs", "owner", "shape_values")
@@ -380,7 +380,7 @@ def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
     return np.asarray(offset > cone * np.abs(height) + SOLVED * size)
 
 
-def _leads_away(edges: Edges, normal: Array, flat: float = FLAT) -> Flags:
+def _leads_away(edges: Edges, normal: Array, flat: float) -> Flags:
     """Whether no facet is inclined towards the other body along the normal, or parallel."""
     inward = np.einsum("pfk,pk->pf", edges.inward, normal)
     level = np.einsum("pfk,pk->pf", edges.normal, normal)
@@ -484,7 +484,7 @@ def _crossing(
     keep &= (gap <= reach[0]) & (gap >= -min(reach))
     # Of an edge along the normal, only the end protrudes.
     keep &= np.abs(np.sum(along * normal, axis=1)) < UPRIGHT * np.linalg.norm(along, axis=1)
-    keep &= _leads_away(here, normal) & (~sharp | _leads_away(there, -normal))
+    keep &= _leads_away(here, normal, FLAT) & (~sharp | _leads_away(there, -normal, FLAT))
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
 
 

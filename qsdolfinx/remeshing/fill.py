@@ -23,10 +23,6 @@ ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
 #: gmsh's numbers of lines, triangles and tetrahedra.
 LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
 
-#: Quality of tetrahedra, in gmsh's measure, from 0 to 1, below which gmsh optimises them. With 0,
-#: bad cells remain.
-GOOD = 0.5
-
 #: Quality, 1 is best, below which a cell is rejected as too flat. A flat cell has an infinite
 #: stiffness; with much more, usual meshes would be rejected.
 LEAST_QUALITY = 0.01
@@ -147,7 +143,7 @@ def _fill(gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int
     gmsh.option.setNumber("Mesh.Algorithm" if gdim == 2 else "Mesh.Algorithm3D", algorithm)
     gmsh.option.setNumber("Mesh.Optimize", 1)
     gmsh.option.setNumber("Mesh.OptimizeNetgen", 0)
-    gmsh.option.setNumber("Mesh.OptimizeThreshold", GOOD)
+    gmsh.option.setNumber("Mesh.OptimizeThreshold", 0.5)  # quality, 1 is best
     gmsh.logger.start()
     try:
         gmsh.model.mesh.generate(gdim)

@@ -19,10 +19,6 @@ Indices = npt.NDArray[np.int64]
 #: nothing is smoothed; above 1 nodes move beyond the mean.
 STEP = 0.7
 
-#: Changes in a round, over the number of edges, below which the rounds end. With 0 they could go on
-#: for ever with the same edges.
-FEW = 2e-3
-
 #: Smallest cosine of the angle between a node's normal and the normal of the old triangle onto
 #: which the node is projected. With -1, nodes of a thin part would be projected onto its other
 #: side.
@@ -121,7 +117,7 @@ def retriangulate(
         changes = surface.split_long() + surface.collapse_short()
         surface.turn_edges()
         _smooth(surface, old)
-        if changes < FEW * edges:
+        if changes < 2e-3 * edges:  # with 0, some edges could be split and collapsed for ever
             break
     surface.turn_edges()
     tag_of = dict(zip(listed(features.region), listed(tags), strict=True))

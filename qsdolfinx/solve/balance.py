@@ -36,10 +36,6 @@ LITTLE = 1e-2
 #: accuracy of the tool's force; with less than some 1e-12, rounding could keep solves from ending.
 RTOL_TOOLS = 1e-8
 
-#: Number of iterations within rounding level after which a solve ends, even if steps are halved.
-#: With many, such a solve takes all iterations.
-MOST_REFINED = 10
-
 
 class Iterate(typing.NamedTuple):
     """One iteration.
@@ -184,7 +180,8 @@ class Balance:
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
         # One more iteration with a full step, as a refinement, reduces the error to rounding level.
         self._times_in_floor = self._times_in_floor + 1 if in_floor else 0
-        refined = self._times_in_floor > (MOST_REFINED if step < 1 else 1)
+        # Even if steps are halved, an iteration at rounding level ends.
+        refined = self._times_in_floor > (10 if step < 1 else 1)
         if in_floor and (refined or largest[1] == 0):
             limits = floors
         balanced = residual <= max(limits[0], self._atol) and tools <= RTOL_TOOLS

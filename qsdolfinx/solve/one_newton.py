@@ -26,23 +26,17 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 #: Largest number of halvings of a step: with none, steps that are too long are taken; with many, a
-#: direction without a decrease takes as many evaluations. And required decrease of the merit
-#: function over the decrease predicted for the full step: with much more, good steps are halved.
-MAX_HALVINGS, FALL = 8, 1e-4
-
-#: Part of a step below which the zero of the work of forces along the step is searched first;
-#: largest remaining work, over the work at the start; most evaluations.
-SMALL, AT_REST, MOST_ASKED = 0.125, 0.1, 24
+#: direction without a decrease takes as many evaluations.
+MAX_HALVINGS = 8
 
 #: Part of the first step below which the start is a poor one. With 0, solves would go on from
 #: predictions that change the volume of nearly incompressible bodies; with 1, each cut step would
 #: begin again.
 POOR = 0.1
 
-#: Part of γ used at the start of solves without known multipliers, and largest number of iterations
-#: with it. With 1, the contact zone moves by a row of facets in each iteration:
-#: ``tests/problems/test_leaf_spring.py``.
-SOFT, MOST_SOFT = 1e-4, 30
+#: Part of γ used at the start of solves without known multipliers. With 1, the contact zone moves
+#: by a row of facets in each iteration: ``tests/problems/test_leaf_spring.py``.
+SOFT = 1e-4
 
 
 class OneNewton:
@@ -239,7 +233,7 @@ class OneNewton:
         self._balance.begin()
         try:
             at = equations.evaluate(found, first=True, again=self._again)
-            for _ in range(min(MOST_SOFT, self.max_it)):
+            for _ in range(min(30, self.max_it)):  # only a start
                 done, now = self._is_found(at, 1.0), self._balance.history[-1]
                 if done or max(now.forces, now.constraints, now.tools) <= LITTLE:
                     return found
@@ -326,12 +320,12 @@ class OneNewton:
             if np.isfinite(merit):
                 if self._loses_a_tool(at, there):
                     losing = losing or step
-                elif merit <= (1 - FALL * step) * before:
+                elif merit <= (1 - 1e-4 * step) * before:  # Armijo's condition
                     return z + step * change, there, step
                 else:
                     largest = largest or step
             step /= 2
-            if step < SMALL <= 2 * step and largest is not None and self.equations.slips_at_points:
+            if step < 1 / 8 <= 2 * step and largest is not None and self.equations.slips_at_points:
                 rest = self._until_rest(z, at, change, largest)
                 if rest is not None:
                     return rest
@@ -382,13 +376,13 @@ class OneNewton:
         if not begins < 0 < ends:
             return None
         of_low, of_high = begins, ends
-        for _ in range(MOST_ASKED):
+        for _ in range(24):  # a zero of one variable, to a tenth of the work at the start
             # Zero of the secant, kept away from both ends of the interval.
             part = min(max(of_low / (of_low - of_high), 0.1), 0.9)
             step = low + part * (high - low)
             there = equations.evaluate(z + step * change)
             found = work(there)
-            if abs(found) <= -AT_REST * begins:
+            if abs(found) <= -0.1 * begins:
                 break
             if found < 0:
                 low, of_low = step, found

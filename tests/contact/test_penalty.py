@@ -5,7 +5,9 @@ import types
 import numpy as np
 import pytest
 
+from qsdolfinx.contact.model import ContactModel, radius_of
 from qsdolfinx.contact.penalty import Penalty, points_factor
+from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.system.normal_rows import Scales
 
 K, E = 7.0, 3.5  # stiffness of a side, stress per length; its modulus: facets of half a length
@@ -53,3 +55,22 @@ def test_factors_of_constraints():
     assert 30 < 1e6 * scales(1e6, True).usual < 300
     assert 2 < 0.01 * scales(0.01, True).usual < 15 and scales(0.01, False).usual == 1.0
     assert 1e-11 < 2 * K * scales(1.0, True).proximal[0] < 1e-9 and not scales(1.0, False).proximal
+
+
+@pytest.mark.parametrize("ratio, expected", ((1.01, True), (1.0001, False), (0.5, False)))
+def test_penalties_that_are_as_soft_as_multipliers(ratio, expected):
+    """They need no multipliers: these would carry differences of nearly equal compliances."""
+    settings = types.SimpleNamespace(constraints="points", formulation="master-slave")
+    of = types.SimpleNamespace(of_points=K, eps=ratio * K)
+    model = types.SimpleNamespace(
+        settings=settings, augmented=False, penalty=of, follows=False, law=Unilateral()
+    )
+    assert ContactModel.has_multipliers_at_points.fget(model) == expected
+
+
+def test_search_distance():
+    """With finite sliding it is some facets: Newton's iterates must not lose their partners."""
+    master = types.SimpleNamespace(is_analytic=True)
+    for sliding, least, most in (("small", 1.0, 1.0), ("finite", 2.0, 10.0)):
+        of = {"search_radius": "auto", "largest_facet": 0.5, "sliding": sliding, "master": master}
+        assert least <= radius_of(types.SimpleNamespace(**of)).largest / 0.5 <= most

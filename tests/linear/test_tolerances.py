@@ -2,13 +2,16 @@
 
 import itertools
 import math
+import types
 
 import pytest
 
+from qsdolfinx.base import interrupt
 from qsdolfinx.linear import presets
 from qsdolfinx.linear.krylov import Krylov
 from qsdolfinx.linear.presets import patience
-from qsdolfinx.linear.solver import GivenUp
+from qsdolfinx.linear.solver import GivenUp, LinearSolver
+from qsdolfinx.linear.stop import Stop
 
 
 class Recorded:
@@ -84,3 +87,55 @@ def test_a_direct_solver_takes_over_for_a_while():
         updates.append(count)
     assert updates[:4] == [1, 2, 4, 8] and 20 < updates[-1] < 200
     assert math.log2(updates[-1]) % 1 == 0
+
+
+def test_which_solver():
+    """Multigrid is chosen where it is faster: in 3D from some thousand unknowns on."""
+    chosen = [
+        [presets.pick(n, dim, True, "mpi")[0] for n in (500, 20_000, 10**7)] for dim in (2, 3)
+    ]
+    assert chosen == [["direct", "direct", "amg"], ["direct", "amg", "amg"]]
+    flow = [
+        [presets.pick(n, dim, False, "mpi", True)[0] for n in (2000, 10**5, 10**7)]
+        for dim in (2, 3)
+    ]
+    assert flow == [["direct", "direct", "schur"], ["direct", "schur", "schur"]]
+
+
+def factored(unknowns, dim):
+    """Whether a problem of this size may be solved by a direct solver."""
+    geometry = types.SimpleNamespace(dim=dim)
+    body = types.SimpleNamespace(
+        V=types.SimpleNamespace(mesh=types.SimpleNamespace(geometry=geometry))
+    )
+    x = types.SimpleNamespace(getSize=lambda: unknowns)
+    inside = {"_system": types.SimpleNamespace(bodies=[body], x=x)}
+    return LinearSolver.may_be_factored.fget(types.SimpleNamespace(**inside))
+
+
+def test_factors_that_fit_into_memory():
+    assert [factored(n, 2) for n in (10**6, 10**7)] == [True, False]
+    assert [factored(n, 3) for n in (10**5, 10**6)] == [True, False]
+
+
+def test_inner_solver():
+    """An inner solver gives some digits, and GMRES does not restart at once."""
+    fake = types.SimpleNamespace(ksp=Recorded(), **{"_is_named": False})
+    assert 30 < LinearSolver.loosen_inner(fake, 1e-9) < 300
+    assert 1e-3 < fake.ksp.rtol < 0.1
+
+
+def test_interrupts_are_looked_for(monkeypatch):
+    """Often enough for users who wait, and not in each iteration, in which all ranks would wait."""
+    asked = []
+    monkeypatch.setattr(interrupt, "requested", lambda comm: asked.append(comm))
+    ksp = types.SimpleNamespace(setMonitor=lambda monitor: None)
+    stop = Stop(ksp, None)
+    for iteration in range(100):
+        stop.monitor(ksp, iteration, 1.0)
+    assert 5 < len(asked) < 50
+
+
+def test_memory_for_factors():
+    """More than MUMPS' own margin of a fifth, and not many times as much."""
+    assert 30 < presets.PRESETS["direct"]["mat_mumps_icntl_14"] < 500

@@ -95,3 +95,17 @@ def test_values_differ():
         path, _, name = each.constant.partition(":")
         module = importlib.import_module(f"qsdolfinx.{path[:-3].replace('/', '.')}")
         assert each.values and getattr(module, name) not in each.values, each.constant
+
+
+def test_no_default_values():
+    """A constant that is a default value of an argument could not be changed in a test."""
+    names = {constant.partition(":")[2] for constant in COMMENTS}
+    found = [
+        f"{path.relative_to(ROOT)}, line {node.lineno}: {ast.unparse(default)}"
+        for path in ROOT.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.Lambda)
+        for default in (*node.args.defaults, *filter(None, node.args.kw_defaults))
+        if isinstance(default, ast.Name) and default.id in names
+    ]
+    assert found == []
