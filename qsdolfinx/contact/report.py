@@ -25,11 +25,6 @@ from qsdolfinx.tools.rigid_surface import AnySurface
 Array = npt.NDArray[np.float64]
 
 
-#: Part of a depth that is rounding of weighted gaps. With less, closed gaps would count as open,
-#: and the report would not say why points penetrate.
-CLOSED = 0.05
-
-
 @dataclasses.dataclass(frozen=True)
 class SideReport:
     """One side of a contact.
@@ -341,7 +336,8 @@ def _advice(model: ContactModel, depth: float) -> str:
     settings = model.settings
     at_points = settings.constraints == "points"
     if not at_points:
-        if results.mean_penetration(model) > max(model.allowed_gap, CLOSED * depth):
+        # Weighted gaps are closed up to some per cent of the depth.
+        if results.mean_penetration(model) > max(model.allowed_gap, 0.05 * depth):
             return ""
     if depth - model.overclosure.allowed <= NOTICED * model.paired.facet_size:
         return ""

@@ -29,9 +29,6 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
-#: Rounding error of slips, relative to coordinates. With less, friction of rates near 0 could not
-#: be balanced; with more, solves would end early.
-OF_RATES = 10 * np.finfo(np.float64).eps
 
 #: Least arc length along surfaces over its chord for which the chord may point backwards: larger
 #: rotations are not distinguished.
@@ -723,8 +720,10 @@ class Slip:
         """
         if not self.friction.needs_dt:
             return np.zeros_like(response.secant)
+        # A slip is the difference of sums of some coordinates.
         size = float(np.abs(self.slave.mesh.geometry.x).max(initial=0.0))
-        return np.asarray(OF_RATES * size * response.secant)
+        eps = float(np.finfo(np.float64).eps)
+        return np.asarray(10 * eps * size * response.secant)
 
     def _as_solved(self, response: Response) -> Response:
         """Replace τ by the balanced τ of the last solve where they differ only by rounding."""
