@@ -5,8 +5,12 @@ import importlib
 import pathlib
 import re
 
+import numpy as np
 import pytest
 from constants_table import CHANGED, INDEPENDENT, NAMES_OF_OTHERS, WITHOUT
+
+from qsdolfinx.gap.following import MOST_TURNED
+from qsdolfinx.surface.facets import SHARP
 
 TESTS = pathlib.Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent / "qsdolfinx"
@@ -109,3 +113,16 @@ def test_no_default_values():
         if isinstance(default, ast.Name) and default.id in names
     ]
     assert found == []
+
+
+def of_cpp(file, name):
+    """Value of a constant of the extension."""
+    text = (ROOT.parent / "cpp" / file).read_text()
+    return float(re.search(rf"constexpr double {name} = ([-+.\de]+);", text)[1])
+
+
+def test_same_numbers_in_the_extension():
+    """Numbers that Python and the extension share are the same."""
+    assert of_cpp("sliding/ray.cpp", "most_turned") == MOST_TURNED
+    for file, name in (("curvature.h", "crease_cosine"), ("surface.h", "smooth_cosine")):
+        assert abs(of_cpp(f"surface/{file}", name) - np.cos(SHARP)) < 1e-6
