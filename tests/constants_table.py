@@ -57,6 +57,11 @@ CHANGED = [
         ("contact/test_between_nodes.py::test_edge_without_a_force",),
     ),
     Changed(
+        "contact/between_nodes.py:UNEVEN",
+        (0.0,),
+        ("contact/test_between_nodes.py::test_nothing_to_warn_of",),
+    ),
+    Changed(
         "contact/bridged.py:NARROW",
         (1e-09,),
         ("contact/test_bridged.py::test_they_slip_as_their_neighbours",),
@@ -417,6 +422,11 @@ CHANGED = [
         ("remeshing/test_remesh.py::test_ten_times_in_a_row",),
     ),
     Changed(
+        "remeshing/transfer.py:ASIDE",
+        (3.0,),
+        ("remeshing/test_transfer.py::test_values_in_cells_stay_in_bounds_and_keep_integrals",),
+    ),
+    Changed(
         "remeshing/triangulation.py:LEAST_SHAPE",
         (0.9,),
         ("remeshing/test_triangulation.py::test_short_edges_are_collapsed",),
@@ -536,6 +546,11 @@ CHANGED = [
     ),
     Changed("solve/one_newton.py:SOFT", (1.0,), ("problems/test_leaf_spring.py::test_two_leaves",)),
     Changed(
+        "solve/onset.py:LEAST_SHARE",
+        (0.9,),
+        ("friction/test_first_contact.py::test_steps_in_which_bodies_meet",),
+    ),
+    Changed(
         "solve/stabilisation.py:VANISHING",
         (1e-06, 1.0),
         ("solve/test_regularisation.py::test_stabilisation_by_default",),
@@ -564,6 +579,11 @@ CHANGED = [
     ),
     Changed("steps/pairings.py:TURNED", (0.001, 0.1), ("steps/test_pairs_again.py::test_ties",)),
     Changed("steps/prediction.py:NOTHING", (1e-05,), ("steps/test_swinging.py::test_what_swings",)),
+    Changed(
+        "steps/stepper.py:MORE_PAIRINGS",
+        (0,),
+        ("steps/test_large_steps.py::test_blocks_that_turn_together",),
+    ),
     Changed("surface/facets.py:SHARP", (1.5,), ("tools/test_elevate.py::test_unstructured",)),
     Changed(
         "system/condensed_rows.py:PROXIMAL",
@@ -646,7 +666,6 @@ NAMES_OF_OTHERS = (
 
 #: Constants whose change no quick test notices so far. The list may only become shorter.
 WITHOUT = (
-    "contact/between_nodes.py:UNEVEN",
     "linear/hierarchy.py:STALE",
     "linear/saddle.py:SOFTEST",
     "pairing/crossings.py:AT_END",
@@ -657,13 +676,9 @@ WITHOUT = (
     "remeshing/remesh.py:VOLUME",
     "remeshing/retriangulate.py:POOR",
     "remeshing/retriangulate.py:SAME_SIDE",
-    "remeshing/transfer.py:ASIDE",
-    "remeshing/transfer.py:LARGE",
     "solve/balance.py:RTOL_TOOLS",
     "solve/convergence.py:RESTING",
     "solve/one_newton.py:POOR",
-    "solve/onset.py:LEAST_SHARE",
     "solve/problem.py:MAX_RATES",
-    "steps/stepper.py:MORE_PAIRINGS",
     "system/friction_at_points.py:GUESSED",
 )
