@@ -364,6 +364,11 @@ CHANGED = [
         ("remeshing/test_transfer.py::test_large_cells_have_the_means_of_small_ones",),
     ),
     Changed(
+        "remeshing/contact_values.py:LARGEST",
+        (1.0, 15.0),
+        ("remeshing/test_surface_values.py::test_moderate_corrections",),
+    ),
+    Changed(
         "remeshing/features.py:FEW",
         (1, 1000),
         ("remeshing/test_triangulation.py::test_planes_of_many_triangles",),
@@ -463,6 +468,11 @@ CHANGED = [
         ("solve/test_regularisation.py::test_far_from_a_solution",),
     ),
     Changed(
+        "solve/balance.py:RTOL_TOOLS",
+        (1e-20,),
+        ("solve/test_tool_balance.py::test_friction_that_sticks",),
+    ),
+    Changed(
         "solve/balance.py:SLOW",
         (0.05, 5.0),
         ("solve/test_regularisation.py::test_residuals_that_fall_slowly",),
@@ -540,9 +550,7 @@ CHANGED = [
         ),
     ),
     Changed(
-        "solve/one_newton.py:MAX_HALVINGS",
-        (80,),
-        ("solve/test_tool_balance.py::test_a_step_that_bodies_cannot_follow",),
+        "solve/one_newton.py:MAX_HALVINGS", (1,), ("solve/test_viscoplastic.py::test_sticking",)
     ),
     Changed("solve/one_newton.py:SOFT", (1.0,), ("problems/test_leaf_spring.py::test_two_leaves",)),
     Changed(
@@ -599,6 +607,9 @@ CHANGED = [
         "system/equations.py:UNBALANCED",
         (1000.0,),
         ("system/test_equations.py::test_what_the_caller_gives",),
+    ),
+    Changed(
+        "system/friction_at_points.py:GUESSED", (1000.0,), ("sliding/test_points.py::test_guess",)
     ),
     Changed(
         "system/normal_rows.py:LEAST",
@@ -671,14 +682,11 @@ WITHOUT = (
     "pairing/crossings.py:AT_END",
     "pairing/crossings.py:WAYS",
     "pairing/distance.py:OF_ITSELF",
-    "remeshing/contact_values.py:LARGEST",
     "remeshing/features.py:SHORT",
     "remeshing/remesh.py:VOLUME",
     "remeshing/retriangulate.py:POOR",
     "remeshing/retriangulate.py:SAME_SIDE",
-    "solve/balance.py:RTOL_TOOLS",
     "solve/convergence.py:RESTING",
     "solve/one_newton.py:POOR",
     "solve/problem.py:MAX_RATES",
-    "system/friction_at_points.py:GUESSED",
 )
