@@ -28,9 +28,9 @@ from qsdolfinx.solve.at_once import AtOnce
 from qsdolfinx.solve.one_newton import OneNewton
 from qsdolfinx.solve.onset import Onset
 from qsdolfinx.solve.tool_balance import ToolBalance
-from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL
 from qsdolfinx.system.derivative import REGULAR
 from qsdolfinx.system.friction_rows import FrictionRows
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL
 
 TESTS = pathlib.Path(__file__).resolve().parents[1] / "tests"
 SCENES = "block", "roller", "o-ring", "ironing", "wedge", "shaft", "o-ring, engineering"

@@ -9,9 +9,6 @@ import typing
 
 from mpi4py import MPI
 
-#: Time (s) after which ranks that have not failed count as waiting.
-GRACE = 5.0
-
 Hook = typing.Callable[[type[BaseException], BaseException, types.TracebackType | None], typing.Any]
 
 
@@ -31,9 +28,10 @@ class _EndingAll:
         if MPI.Is_finalized():
             return
         # Otherwise Python would finalise PETSc and MPI at exit, and wait there for the other ranks.
+        # Ranks that have not failed after 5 s count as waiting.
         arrived, start = MPI.COMM_WORLD.Ibarrier(), time.monotonic()
         while not arrived.Test():
-            if time.monotonic() - start > GRACE:
+            if time.monotonic() - start > 5.0:
                 rank = MPI.COMM_WORLD.rank
                 print(f"qsdolfinx: rank {rank} has failed alone: ending all", file=sys.stderr)
                 sys.stderr.flush()

@@ -17,8 +17,9 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.following import Cut
 from qsdolfinx.gap.rows import PointRows
-from qsdolfinx.surface.affine import EDGES, affine_vec
+from qsdolfinx.surface.affine import affine_vec
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]

@@ -25,20 +25,21 @@ Array = npt.NDArray[np.float64]
 #: Kind of the finding about facets that approximate curved surfaces.
 CHORDS = "chord errors"
 
-#: Part of the slave's nodes near the master that are paired at least in any valid model.
+#: Part of the slave's nodes near the master that are paired at least in any valid model. With more,
+#: bodies that meet with a part of their surfaces would get a warning.
 FEW = 0.1
-
-#: Absolute cosine above which surfaces face each other, or face away from each other.
-FACING = 0.1
 
 #: Facet size of the master over that of the slave below which nodal quadrature leaves spikes in the
 #: traction. A ratio of one half gives no warning, to allow for rounding and graded meshes.
 FINER = 0.45
 
 #: Initial penetration over the smallest facet that is probably not meant to be resolved at once.
+#: Less is what meshes of one geometry differ by; with more, a mistake in a position is not seen.
 DEEP = 0.25
 
-#: Chord error of facets over clearance or interference that changes results.
+#: Chord error of facets over the clearance or interference, above which results change. With less,
+#: every curved fit would get a warning; with more, pressures that are wrong by some tens of per
+#: cent would not.
 COARSE = 0.1
 
 #: Clearance or interference, in units of the largest facet, below which chord errors change
@@ -109,11 +110,10 @@ def _of_shape(model: ContactModel, tool: RigidSurface) -> Candidates:
     distance, normal = tool.distance(model.slave.node_x)
     cosine = np.sum(normal * model.slave.node_normal, axis=1)
     close = np.abs(distance) <= model.paired.search_radius
-    facing = ~close & (cosine < -FACING)
+    facing = ~close & (cosine < _cpp.facing_cosine)
     away = float(np.min(np.abs(distance[facing]), initial=np.inf))
-    near, turned, faces = (
-        _total(model, np.count_nonzero(mask)) for mask in (close, close & (cosine > FACING), facing)
-    )
+    masks = close, close & (-cosine < _cpp.facing_cosine), facing
+    near, turned, faces = (_total(model, np.count_nonzero(mask)) for mask in masks)
     return Candidates(near, turned, faces, model.comm.allreduce(away, op=MPI.MIN))
 
 

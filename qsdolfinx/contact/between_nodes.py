@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact import results
 from qsdolfinx.contact.advice import facet_sizes
 from qsdolfinx.contact.crossing import motion_since
@@ -26,12 +27,10 @@ Array = npt.NDArray[np.float64]
 #: Depth of a point, in units of the slave's facet size there, above which a warning is given. Well
 #: resolved smooth bodies have depths of some hundredths, also at the ends of contact zones:
 #: test_round_and_graded.
-NOTICED = 0.08
-
-#: Such a depth of a corner if nothing else carries a load: it should carry load from first contact.
-ALONE = 0.01
+BETWEEN = 0.08
 
 #: Such a depth in units of the largest weighted gap: a soft penalty allows this all around a node.
+#: With less, each soft penalty would get a warning.
 UNEVEN = 3.0
 
 
@@ -48,14 +47,14 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
     settings = model.settings
     if settings.sampling.quadrature != "overlay":
         return None
-    limit = NOTICED * model.slave.facet_size_range[0] + model.overclosure.allowed
+    limit = BETWEEN * model.slave.facet_size_range[0] + model.overclosure.allowed
     if _deepest_when_paired(model) + motion_since(model, model.placement.as_paired) <= limit:
         return None
     weighted = results.mean_penetration(model)
     found: list[tuple[float, float, tuple[float, ...]]] = []
     for gap in model.of_sides:
         points, size = depths_of_points(model, gap), _facet_sizes(model, gap)
-        limits = np.maximum(NOTICED * size + model.overclosure.allowed, UNEVEN * weighted)
+        limits = np.maximum(BETWEEN * size + model.overclosure.allowed, UNEVEN * weighted)
         beyond = points.depth - limits
         if len(beyond) and beyond.max() > 0:
             i = int(np.argmax(beyond))
@@ -94,7 +93,8 @@ def find_deep_corners(model: ContactModel) -> str | None:
     if not model.comm.allreduce(bool(sharp.any()), op=MPI.LOR):
         return None
     closed = any(bool(np.any(gap.multiplier(model.eps) > 0)) for gap in model.gaps)
-    noticed = NOTICED if model.comm.allreduce(closed, op=MPI.LOR) else ALONE
+    # If nothing else carries a load, a corner should carry it from first contact.
+    noticed = BETWEEN if model.comm.allreduce(closed, op=MPI.LOR) else NOTICED
     limit = noticed * model.slave.facet_size_range[0] + model.overclosure.allowed
     limit = max(limit, UNEVEN * results.mean_penetration(model))
     try:

@@ -8,6 +8,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -16,11 +17,9 @@ from qsdolfinx.surface.trace import TraceValues
 
 Flags = npt.NDArray[np.bool_]
 
-#: Gap over the size of the facets around a node that is below the resolution of the mesh.
+#: Gap over the size of the facets around a node that is below the resolution of the mesh. With
+#: more, nodes at the edge of the contact zone would count as in contact.
 NARROW = 1e-3
-
-#: Part of a node's points that must be active before its other points may be bridged.
-MOST = 0.5
 
 #: State of a node: in contact, perhaps in contact, not in contact.
 CLOSED, NARROWLY_OPEN, OPEN = 0.0, 1.0, 2.0
@@ -47,9 +46,10 @@ def in_contact(model: ContactModel, gap: WeightedGap) -> Flags:
         np.asarray(gap.rows.on_nodes(flags.astype(np.float64), 0.0), dtype=np.float64)
         for flags in (closed, narrow)
     )
-    state = np.where(share >= MOST, CLOSED, np.where(some > 0, NARROWLY_OPEN, OPEN))
+    # At least half of the points of an active node are active.
+    state = np.where(share >= 0.5, CLOSED, np.where(some > 0, NARROWLY_OPEN, OPEN))
     inside = between_closed(gap.slave, state)
-    return np.asarray(closed | (narrow & (gap.rows.from_nodes(inside) > 1 - 1e-6)))
+    return np.asarray(closed | (narrow & (gap.rows.from_nodes(inside) > 1 - SOLVED)))
 
 
 def like_neighbours(surface: Surface, closed: Flags, flags: Flags, bridged: Flags) -> Flags:

@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 WIDE = "wide gaps"
 
 #: Conductance over the largest present conductance below which a gap counts as not conducting.
+#: Beyond the search distance it is set to 0: with more, this would change the flux unseen.
 NOTHING = 1e-2
 
 

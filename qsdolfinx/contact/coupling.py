@@ -17,7 +17,8 @@ from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
-#: Step of the finite differences of h, relative to the largest value of the changed argument.
+#: Step of the finite differences of h, relative to the largest value of the changed argument. Near
+#: the root of the rounding error, both rounding and curvature change the derivative least.
 STEP = 1e-7
 
 

@@ -11,7 +11,8 @@ from qsdolfinx.pairing.edges import Edges, edges_at, outward_signs
 from qsdolfinx.surface.deformed import DegenerateFacetsError
 from qsdolfinx.tools.rigid_surface import AnySurface
 
-#: Depth, in units of the smallest facet, above which sharp edges give a warning.
+#: Depth, in units of the smallest facet, above which sharp edges give a warning. The rim of a flat
+#: punch that facets resolve is less deep; an edge that cuts into a face is deeper.
 NOTICED = 0.02
 
 

@@ -21,11 +21,9 @@ from qsdolfinx.pairing.distance import of_points, on_facets
 Array = npt.NDArray[np.float64]
 
 
-#: Part of its present depth that a point may have had before and still count as from outside.
+#: Part of its present depth that a point may have had before and still count as from outside. With
+#: 0, points in contact, which penetrate a little, would never count; with 1, all points would.
 OUTSIDE = 0.5
-
-#: Part of its motion by which the depth of a point may exceed the motion: paths are not straight.
-PATH = 0.1
 
 
 def motion_since(model: ContactModel, before: Placement) -> float:
@@ -81,13 +79,15 @@ def deepest_crossing(
     """
     if model.with_itself:  # points within the body are always inside
         return None
-    # Points further from the other surface cannot have come from outside.
-    radius = model.paired.search_radius + (1 + PATH) * moved
+    # Points further from the other surface, or deeper, cannot have come from outside; but paths are
+    # not straight.
+    farthest = 1.1 * moved
+    radius = model.paired.search_radius + farthest
     found: list[tuple[float, tuple[float, ...], str]] = []
     for side, nodes in _sampled(model):
         x, was = _depths(before, side, nodes, radius)
         x, depth = _depths(model.placement, side, nodes, radius)
-        came = ~(was > OUTSIDE * depth) & (depth - np.fmax(was, 0.0) <= (1 + PATH) * moved)
+        came = ~(was > OUTSIDE * depth) & (depth - np.fmax(was, 0.0) <= farthest)
         limit = np.full(len(x), least)
         if side == "slave" and nodes:
             limit[_alone(model)] = min(least, unpaired)

@@ -35,9 +35,6 @@ Array = npt.NDArray[np.float64]
 
 SIDES = ("slave", "master")
 
-#: Digits to which places are rounded, in units of the smallest facet, to order equal depths.
-DIGITS = 9
-
 
 @dataclasses.dataclass(frozen=True)
 class DeepPlace:
@@ -89,7 +86,7 @@ def penetration(model: ContactModel) -> float:
     return float(model.comm.allreduce(max(depths), op=MPI.MAX))
 
 
-def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
+def deepest(model: ContactModel, count: int = 3) -> list[DeepPlace]:
     """Deepest places, more than the size of the smallest facet apart. Collective.
 
     Depths that count as closed are left out.
@@ -97,6 +94,7 @@ def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
     gdim, apart = model.slave.gdim, model.paired.facet_size
     samples = [(side, d.x[:, :gdim], _counted(d)) for side, d in _samples(model)]
     out: list[DeepPlace] = []
+    digit = ROUNDING * apart  # of places of equal depths, whose order must not depend on rounding
     while len(out) < count:
         for _, x, depth in samples:
             if out:
@@ -108,7 +106,7 @@ def deepest(model: ContactModel, count: int) -> list[DeepPlace]:
         found = [
             (tuple(place.tolist()), side)
             for side, x, depth in samples
-            for place in np.round(x[depth >= (1 - SOLVED) * most] / apart, DIGITS) * apart
+            for place in digit * np.round(x[depth >= (1 - SOLVED) * most] / digit)
         ]
         first = min(f for each in model.comm.allgather(sorted(found)[:1]) for f in each)
         out.append(DeepPlace(first[0], most, first[1]))

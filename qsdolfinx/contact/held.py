@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.rounding import ROUNDING, SOLVED
+from qsdolfinx.base.rounding import NOTICED, ROUNDING, SOLVED
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, HeldNodes, HeldSlip
 from qsdolfinx.friction.laws import Sticking
@@ -37,10 +37,6 @@ HELD = "conditions on both sides"
 #: conditions. It is less than 1 because of nodes next to a plane in which both surfaces end, where
 #: the normal of a curved slave points away from this plane.
 MOST = 0.9
-
-#: Gap over the smallest facet that conditions may leave at constrained nodes, caused by different
-#: meshes of the same geometry on both sides.
-MEANT = 0.01
 
 
 def find(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
@@ -211,7 +207,7 @@ def _ratio(sums: Array, weights: Array) -> Array:
 def _warn_of_stick(model: ContactModel, way: float) -> None:
     """Warn once that conditions move nodes that a law without a limit makes stick. Collective."""
     way = float(model.comm.allreduce(way, op=MPI.MAX))
-    if way <= MEANT * model.paired.facet_size:
+    if way <= NOTICED * model.paired.facet_size:
         return
     tell(
         model,
@@ -395,7 +391,7 @@ def check_held(model: ContactModel, slave: PETSc.Vec, master: PETSc.Vec | None) 
         return
     local = max(_prescribed_gap(model, h, (slave, master)) for h in here)
     depth = float(model.comm.allreduce(local, op=MPI.MAX))
-    if depth <= MEANT * model.paired.facet_size:
+    if depth <= NOTICED * model.paired.facet_size:
         return
     what = (
         "move tied nodes apart"

@@ -42,10 +42,12 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid, is_shape
 
 T = typing.TypeVar("T")
 
-#: Part of the multipliers acting at points below which they do not act at points.
+#: Part of the multipliers acting at points below which they do not act at points. Forces would be
+#: this part of a difference between two nearly equal compliances.
 LEAST_PART = 1e-3
 
-#: Search distance with finite sliding, in units of the largest facet.
+#: Search distance with finite sliding, in units of the largest facet. With 1, iterates lose their
+#: contact pairs; a large distance finds the far sides of bodies, and takes time.
 FOLLOWING_REACH = 4.0
 
 #: Search distance over the opening at which a law ends: surfaces part further in a step before they

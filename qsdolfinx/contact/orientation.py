@@ -17,7 +17,8 @@ Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 #: Least part of the slave's facets near the tool for which a tool with reversed facets appears
-#: reversed. Free sides, or facets at a corner, may be near another wall.
+#: reversed. With less, free sides, or facets at a corner, which may be near another wall, would
+#: raise the alarm; with all, one facet at a corner would prevent it.
 MOST = 0.9
 
 #: Distance of the partner over that of the wall that faces away, above which a tool appears
@@ -25,10 +26,12 @@ MOST = 0.9
 #: the opposite side.
 FURTHER = 3.0
 
-#: Part of a facet's size within which the facet almost touches a wall.
+#: Part of a facet's size within which the facet almost touches a wall. With much more, facets
+#: beside a reversed tool, which face its inside, count as well.
 CLOSE = 0.5
 
-#: Extent of the body over the depth of its facets below a wall, if a cavity is around it.
+#: Extent of the body over the depth of its facets below a wall, if a cavity is around it. A larger
+#: body is not entirely within the cavity: with much more, each body beside a thin wall would be.
 WITHIN = 2.0
 
 

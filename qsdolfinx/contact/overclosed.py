@@ -10,16 +10,15 @@ import numpy.typing as npt
 from qsdolfinx.base.rounding import SINGLE, SOLVED
 from qsdolfinx.contact.findings import tell
 from qsdolfinx.contact.model import ContactModel, OverclosedStart, Paired
+from qsdolfinx.contact.slid import NEARBY
 from qsdolfinx.surface.facets import area_vectors
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_shape
 
 Array = npt.NDArray[np.float64]
 
-#: Displacement, in units of the smallest facet, that does not count as sliding: bodies deform.
-SOME = 0.5
-
-#: Height range of the master over the depth range of the overclosure below which it is flat.
+#: Height range of the master over the depth range of the overclosure below which it is flat. With
+#: less, rounding decides; with more, depths that are wrong by this part get no warning.
 FLAT = 0.1
 
 
@@ -78,7 +77,7 @@ def check_sliding(model: ContactModel) -> None:
     way = way - np.sum(way * start.normal, axis=1)[:, None] * start.normal
     mine = float(np.max(np.linalg.norm(way, axis=1), initial=0.0))
     slid = float(model.comm.allreduce(mine, op=MPI.MAX))
-    if slid <= SOME * model.paired.facet_size:
+    if slid <= NEARBY * model.paired.facet_size:
         return
     strangers = model.comm.allreduce(int(overclosure.has_strangers), op=MPI.MAX)
     height = FLAT * (overclosure.depth - overclosure.least)

@@ -17,30 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact.crossing import OUTSIDE
 from qsdolfinx.contact.depth import SIDES
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.placement import Placement, ToolPlace, is_analytic
+from qsdolfinx.pairing.ahead import DEEPEST
 from qsdolfinx.pairing.distance import on_facets
 
 Array = npt.NDArray[np.float64]
-
-#: Length of the path within the other part, in units of the smallest facet, below which a straight
-#: path may have cut off a corner that the point has gone around.
-CORNER = 0.01
-
-#: Largest distance of a path from its straight pieces, in units of the smallest facet; and the
-#: length within the other part, in the same unit, by which pieces may cut off a corner more.
-ROUND, AROUND = 0.01, 0.03
-
-#: Largest angle (radians) of a piece of a path with which this distance is measured.
-WIDEST = np.pi / 4
-
-#: Depth, in units of the smallest facet, of points beside the middle of a tool that counts.
-DEEP = 0.5
-
-#: Number of bisections of a path.
-BISECTIONS = 40
 
 
 class Passed(typing.NamedTuple):
@@ -91,9 +76,11 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
         return None
     size = model.paired.facet_size
     paths = [_Path(model.placement, before, side) for side in _sides(model)]
-    num_pieces = _num_pieces(model.comm, paths, ROUND * size)
+    num_pieces = _num_pieces(model.comm, paths, NOTICED * size)
     slave, *others = (path.motion(num_pieces) for path in paths)
-    least = (CORNER + (0 if num_pieces == 1 else AROUND)) * size
+    # A straight path may cut off a corner that the point has gone around. Pieces, which are as far
+    # from an arc as that, cut off up to three times as much more.
+    least = (1 if num_pieces == 1 else 4) * NOTICED * size
     place = model.placement.master
     if is_analytic(place):
         found = [("slave", slave, _through_shape(place, slave, size))]
@@ -163,9 +150,10 @@ class _Path:
 def _num_pieces(comm: MPI.Intracomm, paths: typing.Sequence[_Path], bend: float) -> int:
     """Number of straight pieces from which no path is further away than a bend. Collective.
 
-    The distance of an arc from its chord is proportional to the square of the chord's angle.
+    The distance of an arc from its chord is proportional to the square of the chord's angle, up to
+    an eighth of a circle.
     """
-    coarse = max(1, int(np.ceil(max(path.turn for path in paths) / WIDEST)))
+    coarse = max(1, int(np.ceil(max(path.turn for path in paths) / (np.pi / 4))))
     found = comm.allreduce(max(path.bend(coarse) for path in paths), op=MPI.MAX)
     return coarse if found <= bend else int(np.ceil(coarse * np.sqrt(found / bend)))
 
@@ -186,7 +174,7 @@ def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
     cosine = np.sum(points.normal[-1] * last[1], axis=1)
     came = (last[0] < 0) & (first[0] > OUTSIDE * last[0])
     unseen = came & (
-        (cosine > _cpp.alike_cosine) | ((cosine > _cpp.facing_cosine) & (-last[0] > DEEP * size))
+        (cosine > _cpp.alike_cosine) | ((cosine > _cpp.facing_cosine) & (-last[0] > DEEPEST * size))
     )
     way = np.linalg.norm(np.diff(points.x, axis=0), axis=2).sum(axis=0)
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
@@ -234,7 +222,7 @@ def _deepest(distance: typing.Callable[[Array], tuple[Array, Array]], count: int
     """Where lines are deepest within a convex tool, as a part of their length."""
     low: Array = np.zeros(count)
     high: Array = np.ones(count)
-    for _ in range(BISECTIONS):
+    for _ in range(40):  # until 1e-7 of the line is left
         first, second = (2 * low + high) / 3, (low + 2 * high) / 3
         left = distance(first)[0] < distance(second)[0]
         low, high = np.where(left, low, first), np.where(left, second, high)
@@ -246,7 +234,7 @@ def _crossing(
 ) -> Array:
     """Where paths cross the surface, between a place inside and an end; the end if inside."""
     outside = end
-    for _ in range(BISECTIONS):
+    for _ in range(40):  # until 1e-12 of the path is left
         middle = 0.5 * (inside + outside)
         within = distance(middle)[0] < 0
         inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)

@@ -7,13 +7,11 @@ from mpi4py import MPI
 import numpy as np
 
 from qsdolfinx.base.messages import ContactWarning
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.passed import find_passed
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-
-#: Depth, in units of the smallest facet, of nodes without a partner that counts.
-NOTICED = 0.01
 
 
 class ReachWarning(ContactWarning):

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
 from qsdolfinx.contact.advice import chords
@@ -22,16 +23,6 @@ from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
-
-
-#: Places that are named of those that penetrate.
-PLACES = 3
-
-#: Part of a depth that is rounding of weighted gaps.
-CLOSED = 0.05
-
-#: Penetration over the smallest facet, which weighted gaps do not show, that is worth a remark.
-HIDDEN = 0.01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -332,7 +323,7 @@ def _depth(model: ContactModel) -> tuple[float | None, tuple[DeepPlace, ...], st
     if not model.has_gaps:
         return results.penetration(model), (), ""
     try:
-        depth, places = results.penetration(model), tuple(deepest(model, PLACES))
+        depth, places = results.penetration(model), tuple(deepest(model))
     except ValueError:  # on all ranks
         return None, (), ""
     return depth, places, _advice(model, depth)
@@ -345,9 +336,10 @@ def _advice(model: ContactModel, depth: float) -> str:
     settings = model.settings
     at_points = settings.constraints == "points"
     if not at_points:
-        if results.mean_penetration(model) > max(model.allowed_gap, CLOSED * depth):
+        # Weighted gaps are closed up to some per cent of the depth.
+        if results.mean_penetration(model) > max(model.allowed_gap, 0.05 * depth):
             return ""
-    if depth - model.overclosure.allowed <= HIDDEN * model.paired.facet_size:
+    if depth - model.overclosure.allowed <= NOTICED * model.paired.facet_size:
         return ""
     cure = "take finer facets"
     if chords(model):

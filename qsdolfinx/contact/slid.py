@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.crossing import motion_since
 from qsdolfinx.contact.model import ContactModel
@@ -21,11 +22,10 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Ways = tuple[Array | None, Array | None]
 
-#: Gap, in units of the smallest facet, below which nodes touched at contact detection.
-TOUCHING = 0.01
-
-#: Sliding distance, in facets, above which a solve warns.
-FAR = 1.0
+#: Sliding distance, over the size of a facet, up to which points keep their partners: bodies that
+#: deform slide so far. Beyond a facet, all points act on other facets than those with which they
+#: were paired.
+NEARBY = 0.5
 
 #: Rotation (radians) above which a solve warns of sliding even if small sliding was asked for:
 #: a gap of a facet is then wrong by a tenth of it (``tests/contact/test_turned.py``).
@@ -43,10 +43,10 @@ def find_slid(model: ContactModel) -> str | None:
         return None
     if any(tool.is_plane for tool in model.master.tools):
         return None
-    if motion_since(model, model.placement.as_paired) <= FAR * model.paired.facet_size:
+    if motion_since(model, model.placement.as_paired) <= model.paired.facet_size:
         return None
     way = _slid_since(model, model.placement)
-    if way <= FAR:
+    if way <= 1.0:  # facets
         return None
     known = model.sliding_is_given
     finite = 'sliding="finite", or ' if model.sliding_is_open or known else ""
@@ -148,7 +148,7 @@ def _turn(model: ContactModel, tool: Affine | None) -> float:
 def _slid(
     model: ContactModel, gap: WeightedGap, ways: Ways, tool: Affine | None, turn: float
 ) -> float:
-    touched = gap.operator.initial_gap + gap.allowance < TOUCHING * gap.slave.facet_size_range[0]
+    touched = gap.operator.initial_gap + gap.allowance < NOTICED * gap.slave.facet_size_range[0]
     length = _along(model, gap, ways, tool)
     counts = _on_nodes(gap, active_set.closed(model, gap) | touched)
     counts |= _may_touch(gap, turn * length)

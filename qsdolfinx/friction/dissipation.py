@@ -7,17 +7,15 @@ import typing
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.friction.laws import Friction, Response, Rows
 
 Array = npt.NDArray[np.float64]
 
 #: Sticking stiffness over the penalty of a constraint, for constraints that open in the step: all
-#: of their relative displacement is slip.
+#: of their relative displacement is slip. With 1, a part of it would be elastic, and its energy not
+#: dissipated.
 RIGID = 1e6
-
-#: Least part of the step in which a constraint that opens has been active: its slip rate is the
-#: slip over this part.
-LEAST_PART = 1e-6
 
 
 class Evaluated(typing.NamedTuple):
@@ -97,7 +95,7 @@ def _of_leaving(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     closing = rows.pressed * step.compliance
     opening = np.maximum(-step.gap, 0.0)
     part = np.divide(closing, closing + opening, np.zeros_like(closing), where=closing > 0)
-    part = np.maximum(part, LEAST_PART)
+    part = np.maximum(part, SOLVED)  # slip rates are slip over this part of the step
     rows = rows._replace(
         slip=part[:, None] * rows.slip,
         traction=np.zeros_like(rows.traction),

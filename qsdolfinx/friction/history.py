@@ -27,11 +27,13 @@ from qsdolfinx.surface.traction import facet_measure
 Array = npt.NDArray[np.float64]
 
 
-#: Slip rate that counts as slow, over the largest slip rate.
+#: Slip rate that counts as slow, over the largest slip rate. With much more, laws of the rate would
+#: be too soft to resist; with rounding's size, they would jump where slip changes its direction.
 SLOW = 1e-3
 
 #: Largest relative change of the slip rate, within the first step with slip, for which the assumed
-#: rate is kept; and the factor by which a later step has to be slower for a new rate.
+#: rate is kept: with less, this step would be solved again for nothing. And the factor by which a
+#: later step has to be slower for a new rate: with 1, the law would change in each step.
 SAME_RATE, SLOWER = 0.1, 5.0
 
 

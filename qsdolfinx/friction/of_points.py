@@ -13,13 +13,14 @@ from qsdolfinx.base.rounding import ROUNDING
 #: partial slip creeps three times as much in steps without motion (test_friction_at_points.py).
 DEGREE = 3
 
-#: Least standard deviation of positions (shape functions of the facet vertices) for a function to
-#: vary along them; and distance from their mean, in standard deviations, beyond which it is
-#: constant.
+#: Least standard deviation of positions (shape functions of the facet vertices, parts of 1) for a
+#: function to vary along them: with less, it would be a slope from rounding. And distance from
+#: their mean, over the standard deviation, beyond which it is constant: a cubic function grows fast
+#: there.
 LEAST_SPREAD, FARTHEST = 0.01, 2.0
 
-#: Least mean square of a function for its factor to be determined: below it there are too few
-#: points.
+#: Least mean square of a function, over that of a constant, for its factor to be determined: below
+#: it there are too few points, and errors would be magnified.
 LEAST_SHARE = 1e-3
 
 Array = npt.NDArray[np.float64]

@@ -30,15 +30,10 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
-#: Rounding error of slips, relative to coordinates.
-OF_RATES = 10 * np.finfo(np.float64).eps
 
-#: Least part of the surroundings of a constraint that has slipped for the constraint to count as
-#: slipped.
-MOST = 0.5
-
-#: Least arc length along surfaces over its chord for which the chord may point backwards.
-FARTHEST = 0.999 * MOST_TURNED / float(np.sin(MOST_TURNED))
+#: Least arc length along surfaces over its chord for which the chord may point backwards: larger
+#: rotations are not distinguished.
+FARTHEST = (1 - SOLVED) * MOST_TURNED / float(np.sin(MOST_TURNED))
 
 #: Largest relative change in a step of the covered part of a node's area that counts as no change:
 #: the covered area of curved surfaces depends a little on their position.
@@ -659,7 +654,7 @@ class Slip:
     @property
     def has_slipped(self) -> npt.NDArray[np.bool_]:
         """Constraints that slipped at the start of the step, or most of their surroundings did."""
-        return np.asarray(self.state.slipped >= MOST)
+        return np.asarray(self.state.slipped >= 0.5)
 
     @property
     def is_fresh(self) -> npt.NDArray[np.bool_]:
@@ -733,8 +728,10 @@ class Slip:
         """
         if not self.friction.needs_dt:
             return np.zeros_like(response.secant)
+        # A slip is the difference of sums of some coordinates.
         size = float(np.abs(self.slave.mesh.geometry.x).max(initial=0.0))
-        return np.asarray(OF_RATES * size * response.secant)
+        eps = float(np.finfo(np.float64).eps)
+        return np.asarray(10 * eps * size * response.secant)
 
     def _as_solved(self, response: Response) -> Response:
         """Replace τ by the balanced τ of the last solve where they differ only by rounding."""

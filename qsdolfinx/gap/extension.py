@@ -15,10 +15,6 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Largest number of facets between a redundant multiplier and the nearest free one: in a corner,
-#: all nodes of a triangle can be constrained.
-_SWEEPS = 2
-
 
 class Sweep(typing.NamedTuple):
     """One sweep of averaging: multipliers computed as means of known neighbours.
@@ -75,7 +71,8 @@ class Extension:
         self._shape, self._corners = corners.shape, np.ascontiguousarray(corners).ravel()
         known = ~held if missing is None else ~held & ~missing
         self._sweeps: list[Sweep] = []
-        for _ in range(_SWEEPS):
+        # In a corner, all nodes of a triangle can be constrained, which is two facets wide.
+        for _ in range(2):
             counts = self._around(known.astype(np.float64))
             new = clamped & ~known & (counts > 0.5)
             self._sweeps.append(Sweep(new, known, np.where(new, 1 / np.maximum(counts, 1), 0.0)))

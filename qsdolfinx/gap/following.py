@@ -30,12 +30,10 @@ Places = tuple[Array, Array]
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
 
 #: Least part of a node's area for its multiplier: if less is covered, a point with an open gap is
-#: added, so that the multiplier is 0 where nothing is opposite. The second value is for condensed
-#: multipliers: the first would reduce the multipliers of their neighbours
-#: (``tests/sliding/test_small_limit.py``, "swapped": 1.5 % of displacements). It is not used for
-#: points at vertices, of which single ones slide from neighbour to neighbour:
-#: ``test_tip_that_slides``.
-LEAST_COVER, LEAST_CARRIED = 0.01, 1e-8
+#: added, so that the multiplier is 0 where nothing is opposite. With more, forces at the edge of a
+#: surface would be reduced. It is not used for points at vertices, of which single ones slide from
+#: neighbour to neighbour: ``test_tip_that_slides``.
+LEAST_COVER = 0.01
 
 #: Largest rotation (radians): a larger one is not distinguished from a rotation in the opposite
 #: direction. The same as in cpp/sliding/ray.cpp.
@@ -444,7 +442,9 @@ class Following:
         slave, sides = self._slave, self._sides_of_nodes
         least: Array | float = LEAST_COVER
         if self.carried is not None and vertices is None:
-            least = np.where(self.carried, LEAST_CARRIED, LEAST_COVER)
+            # Of condensed multipliers hardly anything: it would reduce the multipliers of their
+            # neighbours, by 1.5 % of displacements in tests/sliding/test_small_limit.py, "swapped".
+            least = np.where(self.carried, 1e-8, LEAST_COVER)
         if vertices is not None:  # their areas do not change, so these parts must not either
             node_area = slave.node_area
         missing = least * sides * node_area[:, None] - found.cover

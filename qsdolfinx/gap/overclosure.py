@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 
 TREATMENTS = ("resolve", "ignore", "error")
 
-#: Relative difference up to which depths count as equal: rounding, and facets that are chords.
+#: Relative difference up to which depths count as equal: rounding, and facets that are chords. With
+#: much more, depths that differ would slide along with the wrong nodes without a warning.
 EVEN = 1e-3
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -23,13 +24,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Where the contact law is evaluated: for the weighted gaps of nodes, or for the gaps of points.
 CONSTRAINTS = ("nodes", "points")
-
-#: Part of the area of a side of a node; with a smaller covered area a multiplier is not determined.
-LEAST_COVER = 0.1
-
-#: Relative accuracy of projections onto nodes, and largest number of iterations. Where nodes are
-#: covered, the mass matrix over its diagonal is as well conditioned as that of one facet.
-_PROJECTED, _MOST_PROJECTIONS = 1e-12, 200
 
 
 class Rows(abc.ABC):
@@ -388,14 +382,16 @@ class PointRows(Rows):
         def dot(a: Array, b: Array) -> float:
             return float(self.slave.comm.allreduce(float(np.sum(a * b)), op=MPI.SUM))
 
+        # To rounding by conjugate gradients: where nodes are covered, the mass matrix over its
+        # diagonal is as well conditioned as that of one facet.
         found = []
         for column in values.T:
             x = np.zeros(free.shape)
             r = gathered(np.ascontiguousarray(column))
             z = r / cover
             p, rz = z, dot(r, z)
-            last = _PROJECTED**2 * rz
-            for _ in range(_MOST_PROJECTIONS):
+            last = 1e-12**2 * rz
+            for _ in range(200):
                 if rz <= last:
                     break
                 q = gathered(self.from_sides(full(p)))

@@ -37,17 +37,11 @@ from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.pairing.vertices import lead_away
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
+from qsdolfinx.surface.unknowns import CORNERS
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-#: Reference coordinates of the vertices of facets, by their number of vertices.
-CORNERS = {
-    2: np.array([[0.0], [1.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
-}
 
 
 def corner_rule(slave: Surface) -> tuple[Array, Array]:

@@ -13,18 +13,12 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.tie import Places
-from qsdolfinx.surface.affine import EDGES, trace_vec
+from qsdolfinx.surface.affine import trace_vec
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
+from qsdolfinx.surface.unknowns import CORNERS, EDGES
 
 Array = npt.NDArray[np.float64]
-
-#: Vertices of the reference facets, by the number of vertices.
-_CORNERS = {
-    2: np.array([[0.0], [1.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,7 +169,7 @@ class _Side:
         known = np.where(dofs >= 0, dofs, dofs[:, :1])  # entries that are not used
         self.values = TraceValues(surface, known)
         nv = surface.num_facet_vertices
-        corners = _CORNERS[nv]
+        corners = CORNERS[nv]
         reference = [*corners, *(corners[[a, b]].mean(axis=0) for a, b in EDGES[nv])]
         reference.append(corners.mean(axis=0))
         xi = self.N @ np.array(reference)[: self.N.shape[1]]

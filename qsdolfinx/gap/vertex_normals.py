@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.facets import Faceted, at_vertices, sums
-from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.unknowns import EDGES
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]

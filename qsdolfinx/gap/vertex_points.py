@@ -9,7 +9,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.facet_cutter import Twins
 from qsdolfinx.gap.following import Places
 from qsdolfinx.gap.vertex_normals import NormalsThere, VertexNormals
-from qsdolfinx.pairing.ahead import PRESSED_FLAT
+from qsdolfinx.pairing.ahead import PRESSED_FLAT, UPRIGHT
 from qsdolfinx.pairing.facets import (
     SharpNodes,
     gathered,
@@ -24,11 +24,6 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-
-#: Cosine of the angle (20°) by which the facets of a tool have to be inclined at a vertex that gets
-#: a point. A surface that a punch presses flat turns by less at the corner of the punch, and the
-#: points of the facets detect that.
-LEANS = float(np.cos(np.pi / 9))
 
 
 class Vertices:
@@ -164,7 +159,7 @@ class ToolVertices:
         x = self._tool.facet_positions(places[1])
         normals = self._signs[..., None] * unit_normals(x)
         out = np.zeros((len(self._sharp), 1))
-        out[node, 0] = lead_away(self._facets, along, x, normals, LEANS)[node] * self._area[node]
+        out[node, 0] = lead_away(self._facets, along, x, normals, UPRIGHT)[node] * self._area[node]
         return out
 
     def pieces(

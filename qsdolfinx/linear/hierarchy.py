@@ -13,8 +13,8 @@ from qsdolfinx.linear.presets import FIRST, TIGHTEST
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.sum import Sum
 
-#: Spaces are rebuilt when a linear solve takes this many times the iterations of the first solve
-#: with them.
+#: Iterations of a linear solve, over those of the first solve with the same spaces, above which the
+#: spaces are made again. With 1 they would be made again each time, with much more never.
 STALE = 1.5
 
 

@@ -12,27 +12,31 @@ from qsdolfinx.linear.presets import EXACT, GMRES_RESTART, TIGHTEST
 
 #: Relative tolerances of a linear solve after which active sets may still change: in general, for
 #: linear bodies, and with velocity–pressure bodies, whose viscosities make Newton's method diverge
-#: with a tolerance of 1e-4.
+#: with a tolerance of 1e-4. Tighter ones cost iterations, looser ones more Newton steps.
 LOOSE, LOOSE_OF_LINEAR, LOOSE_OF_FLOW = 1e-3, 3e-2, 1e-6
 
-#: Residual norm of a linear solve, relative to the norm at which Newton's method ends.
+#: Residual norm of a linear solve, relative to the norm at which Newton's method ends, for the
+#: solve that may be the last one. With 1, rounding could keep Newton's method from ending; with
+#: less, each last solve would take longer.
 SAFETY = 0.3
 
-#: The same if the nonlinear residual is linear, and so decreases as that of the linear solver.
+#: The same ratio if the nonlinear residual is linear, and so decreases as that of the linear
+#: solver. Above 1, Newton's method would not end.
 SAFETY_LINEAR = 0.9
 
 #: Relative tolerance of a linear solve that may be the last one: a few more iterations cost less
-#: than another tangent.
+#: than another tangent. With much less, one solve would take as long as two.
 NEAR = 1e-5
 
-#: Smallest limit of iterations of any solve.
+#: Smallest limit of the number of iterations of any solve. With fewer, solves of two digits would
+#: count as failed.
 LEAST = 30
 
 #: Factor of the tolerance for each iteration after the first one without a decrease of the
-#: residual.
+#: residual. With 1, errors of linear solves could change the active set for ever.
 TIGHTER = 0.1
 
-#: Upper bound of the relative tolerance of a linear solve.
+#: Upper bound of the relative tolerance of a linear solve. With 1 a solve would do nothing.
 _LOOSEST = 0.1
 
 
@@ -116,10 +120,11 @@ class Krylov:
         if self.chooses_tolerance:
             self._set(min(max(tolerance, TIGHTEST), _LOOSEST))
 
-    def longest(self, tolerance: float, least: int = LEAST) -> int | None:
+    def longest(self, tolerance: float, least: int | None = None) -> int | None:
         """Largest number of iterations to this relative tolerance; None to use the options."""
         if self._patience is None:
             return None
+        least = LEAST if least is None else least
         return max(least, round(np.log(tolerance) / np.log(EXACT) * self._patience))
 
     def _set(self, tolerance: float) -> None:

@@ -11,10 +11,10 @@ import numpy as np
 from qsdolfinx.system.rigid_modes import orthonormal, set_near_nullspace
 from qsdolfinx.system.sum import Sum, diagonal_blocks
 
-#: Weight of the diagonal of contact in Jacobi's method. Without a weight the diagonal is too small:
+#: Factor of the diagonal of contact in Jacobi's method. Without it the diagonal is too small:
 #: contact couples many nodes with equal strength, so its largest eigenvalue would be more than
 #: twice that of the bulk. The interval that Chebyshev polynomials must damp would be as large. With
-#: too large a weight, the unknowns coupled by contact are hardly smoothed: at nodes, and with
+#: too large a factor, the unknowns coupled by contact are hardly smoothed: at nodes, and with
 #: multipliers, 3 takes a fifth more iterations.
 CONTACT_WEIGHT = 1.5
 

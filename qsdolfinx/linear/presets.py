@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import typing
 
-#: Memory (%) beyond MUMPS' estimate. Delayed pivots, such as those of the pressure in
-#: incompressible flow, need more memory; on several ranks the amount also depends on timing.
+#: Memory (%) beyond MUMPS' estimate, relative to this. Delayed pivots, such as those of the
+#: pressure in incompressible flow, need more memory; on several ranks the amount also depends on
+#: timing.
 EXTRA_MEMORY = 100
 
 #: Relative tolerance of a linear solve outside Newton's method, and the smallest tolerance of any
-#: solve.
+#: solve: with less than some 1e-13, rounding would keep it from being reached.
 EXACT, TIGHTEST = 1e-8, 1e-12
 
 #: Aggregation with the rigid modes. Without smoothed prolongators its set-up costs a fifth. The
@@ -69,7 +70,8 @@ KRYLOV: dict[str, typing.Any] = {
 #: iterations grows with the third root of the number of unknowns.
 PATIENCE, PATIENCE_AT = 100, 5_000
 
-#: Iterations after which GMRES restarts.
+#: Number of iterations after which GMRES restarts. With few, it stagnates; each takes a vector of
+#: memory.
 GMRES_RESTART = 100
 
 #: Prefixes of the options of the velocities' multigrid and of the pressures, after the problem's.
@@ -117,11 +119,12 @@ ITERATIVE = ("amg", "fieldsplit", "schur")
 #: Options of each body's block with "fieldsplit", after "fieldsplit_I_".
 BLOCK: dict[str, typing.Any] = {"ksp_type": "preonly"} | AGGREGATION
 
-#: Number of unknowns from which multigrid is chosen, by dimension of space: see
+#: Number of unknowns from which multigrid is chosen, by dimension of space: it is faster above. See
 #: ``bench/solvers.py``.
 LARGE = {2: 1_000_000, 3: 2_500}
 
-#: The same for velocity–pressure bodies and "schur", by dimension; without unknowns inside cells.
+#: The same number for velocity–pressure bodies and "schur", by dimension; without unknowns inside
+#: cells.
 LARGE_FLOW = {2: 1_000_000, 3: 10_000}
 
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from qsdolfinx.base.passing import passing
 from qsdolfinx.base.reasons import reason_name
 from qsdolfinx.linear.condensation import ContactPart, condensation_of
+from qsdolfinx.linear.krylov import SAFETY
 from qsdolfinx.linear.presets import GMRES_RESTART
 from qsdolfinx.linear.solver import LinearSolver
 from qsdolfinx.linear.stop import Stop
@@ -22,12 +23,9 @@ from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Iterations of GMRES above which conjugate gradients are used for a symmetric matrix.
-CRAWLING = 2 * GMRES_RESTART
-
-#: Residual of the last linear solve, over the residual at which Newton's method ends; and the
-#: smallest value of this ratio, for gaps of bodies that are much stiffer than the softest body.
-PART, LEAST_PART = 0.3, 1e-2
+#: Least softness of gaps of stiff bodies, over that of the softest body, with which the residual of
+#: the last linear solve decreases: with less, rounding could keep it above its limit.
+SOFTEST = 1e-2
 
 
 class _Parts(typing.NamedTuple):
@@ -83,7 +81,7 @@ class SaddlePoint:
         self._may_change = any(not p.gap.law.jump or p.slip is not None for p in equations.passes)
         softest = min((p.rows.softness for p in equations.passes), default=1.0)
         #: Residual of the last linear solve, over the residual at which Newton's method ends.
-        self._part = PART * max(LEAST_PART, self._comm.allreduce(softest, op=MPI.MIN))
+        self._part = SAFETY * max(SOFTEST, self._comm.allreduce(softest, op=MPI.MIN))
         #: Exception raised by a callback: PETSc would replace it by an error of its own.
         self._failure: BaseException | None = None
         #: Norms of the right-hand sides of the solve.
@@ -189,8 +187,9 @@ class SaddlePoint:
         tolerance, longest = linear.tolerance(self._norms, part, self._has_changed(), exact)
         if linear.is_inner and not condensed:
             longest = linear.loosen_inner(tolerance)
-        may_crawl = symmetric and not linear.is_inner and longest > CRAWLING
-        most = CRAWLING if may_crawl else longest
+        crawling = 2 * GMRES_RESTART  # iterations: restarts make GMRES slow
+        may_crawl = symmetric and not linear.is_inner and longest > crawling
+        most = crawling if may_crawl else longest
         ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=most)
         linear.inner_iterations = 0
         with linear.watch.stage("solve"):

@@ -20,9 +20,6 @@ Array = npt.NDArray[np.float64]
 #: Values of MUMPS' INFOG(1) for too little working space.
 SHORT_OF_MEMORY = (-8, -9)
 
-#: Most memory beyond MUMPS' estimate, in per cent.
-MOST_MEMORY = 100 * EXTRA_MEMORY
-
 
 class SaddleFactors:
     """Solve with the inexact derivative as one AIJ matrix, by MUMPS or by the solver of options.
@@ -87,7 +84,7 @@ class SaddleFactors:
                 info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
             self._ksp.destroy()  # the preconditioner is unusable after an error
             self._ksp = self._new_ksp()
-            if info not in SHORT_OF_MEMORY or self._memory >= MOST_MEMORY:
+            if info not in SHORT_OF_MEMORY or self._memory >= 100 * EXTRA_MEMORY:
                 self.reason = f"singular (MUMPS: INFOG(1) = {info})" if info else "singular"
                 return None
             self._memory *= 10

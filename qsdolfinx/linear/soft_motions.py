@@ -13,7 +13,8 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Resistance of a motion m, |A m| over |diag(A) m|, below which the motion counts as soft.
+#: Resistance of a motion m, |A m| over |diag(A) m|, below which the motion counts as soft. Springs
+#: on the diagonal have 1e-9; elastic bodies have more than the square of cell size over length.
 SOFT = 1e-6
 
 

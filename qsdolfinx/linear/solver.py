@@ -34,11 +34,8 @@ from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Most outer iterations around a solver of the condensed tangent; usually hardly more than one is
-#: needed.
-FEW = 5
-
-#: Relative tolerance of that solver as an inner solver.
+#: Relative tolerance of that solver as an inner solver. With more, the outer iteration needs
+#: several; with less, each takes longer.
 INNER = 1e-2
 
 #: Number of unknowns in 2D and 3D up to which a direct solver may be the fallback: more unknowns
@@ -281,12 +278,12 @@ class LinearSolver:
             self.krylov.choose_type(self._system.symmetric)
             self.krylov.set_tolerance(norms, until, changed)
 
-    def solve(self, load: Array, tolerance: float = EXACT) -> tuple[Array, int]:
+    def solve(self, load: Array, tolerance: float | None = None) -> tuple[Array, int]:
         """Solve with the present tangent, outside Newton's method. Collective.
 
         Args:
             load: Right-hand side, owned values.
-            tolerance: Norm of the residual over the norm of the load.
+            tolerance: Norm of the residual over the norm of the load; by default EXACT.
 
         Returns:
             Owned values of the solution, and PETSc's KSPConvergedReason, negative on failure.
@@ -297,7 +294,7 @@ class LinearSolver:
         b.array[:] = load
         if self.krylov is not None:
             self.krylov.choose_type(self._system.symmetric)
-            self.krylov.set(tolerance)
+            self.krylov.set(EXACT if tolerance is None else tolerance)
         reason = None
         try:
             with self.watch.stage("solve"):
@@ -358,7 +355,8 @@ class LinearSolver:
         else:
             self.krylov.set_tolerance(norms, until, changed)
         tolerance, _, _, longest = self.ksp.getTolerances()
-        return float(tolerance), FEW if self.is_inner else int(longest)
+        # Hardly more than one outer iteration around a solver of the condensed tangent is needed.
+        return float(tolerance), 5 if self.is_inner else int(longest)
 
     def copy_monitors(self, ksp: PETSc.KSP) -> None:
         """Copy the user's monitors to another solver."""

@@ -8,7 +8,8 @@ from petsc4py import PETSc
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.passing import passing
 
-#: Number of iterations after which the ranks communicate.
+#: Number of iterations after which the ranks communicate whether to end. With 1, each iteration
+#: waits for all ranks; with many, Ctrl-C has to wait.
 EVERY = 5
 
 

@@ -8,29 +8,35 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.facets import gathered
 from qsdolfinx.pairing.points import PairingSide, with_unknowns_alone
-from qsdolfinx.surface.affine import EDGES
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.rigid_surface import AnySurface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Ranks = npt.NDArray[np.int32]
 
-#: Cosine of the angle (0.5°) up to which a facet counts as parallel to the opposite surface: the
-#: points of the facet then detect contact.
-FLAT = float(np.cos(np.pi / 360))
+#: Angle (radians) up to which a facet counts as parallel to the opposite surface, and its points
+#: detect contact, or two edges as parallel. With less, facets of one plane in a file are not
+#: parallel; edges at a few times this angle already cross.
+PARALLEL = np.pi / 360
+FLAT = float(np.cos(PARALLEL))
 
 #: The same angle (5°) for updated gaps: faces that are pressed on each other turn gradually, and
 #: the constraint of one of their vertices would repeat those of the points beside it.
 PRESSED_FLAT = float(np.cos(np.pi / 36))
 
-#: Sine of the angle (20°) up to which a facet may be inclined towards the opposite surface: a body
-#: that bends around a tip is inclined first with one of its faces, and then with another one.
-TOWARDS = float(np.sin(np.pi / 9))
+#: Angle (radians) up to which a facet may be inclined towards the opposite surface: a body that
+#: bends around a tip is inclined first with one of its faces, and then with another one. By more,
+#: facets of a tool are inclined at vertices that get points, and sharp edges to the normal: a
+#: surface that a punch presses flat turns by less at the corner of the punch.
+INCLINED = np.pi / 9
+TOWARDS, UPRIGHT = float(np.sin(INCLINED)), float(np.cos(INCLINED))
 
 
-#: Largest depth of edges and vertices, in units of the largest facet: with a larger depth the
-#: opposite surface may be the far side of a body, and the points of facets detect such depths.
+#: Depth, in units of the largest facet, above which the opposite surface may be the far side of a
+#: body. Edges and vertices have no points in contact that are deeper, since the points of facets
+#: detect such depths, and time steps end with less penetration.
 DEEPEST = 0.5
 
 

@@ -14,8 +14,10 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.pairing.ahead import (
     FLAT,
+    PARALLEL,
     PRESSED_FLAT,
     TOWARDS,
+    UPRIGHT,
     between,
     deepest,
     linear,
@@ -23,6 +25,7 @@ from qsdolfinx.pairing.ahead import (
 )
 from qsdolfinx.pairing.edges import Edges
 from qsdolfinx.pairing.points import PairingSide
+from qsdolfinx.surface.facets import SHARP
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
@@ -30,16 +33,9 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Sine of the least angle between two sharp edges that cross (0.5°), and between a sharp edge and a
-#: mesh line.
-ACROSS, ALONG = float(np.sin(np.pi / 360)), 0.01
-
-#: Cosine of the least angle (20°) between a sharp edge and the normal: with a smaller angle only
-#: the end of the edge protrudes.
-UPRIGHT = float(np.cos(np.pi / 9))
-
 #: Part of the shorter edge within which a crossing counts as at the end of the sharp edge, or as
-#: the same as another crossing.
+#: the same as another crossing. With less, two points close to each other have the same gap, and
+#: their multipliers are not determined.
 AT_END = 0.1
 
 #: Largest depth of a crossing over the distance from the sharp edge to the closest point of the
@@ -47,20 +43,12 @@ AT_END = 0.1
 WAYS = 20.0
 
 #: Least part of a facet size between two points on a sharp edge for further points between them, if
-#: both bodies are deformable.
+#: both bodies are deformable. With less, there are more points than an edge has motions.
 BENDS = 0.5
 
-#: Cosine of the angle (15°) up to which a face beside a sharp edge counts as lying on the other
-#: surface, which its points then keep out: half of the least angle of a sharp edge. The rim of a
-#: flat punch that facets resolve gives no warning (tests/sliding/test_deep_edges.py).
-SLANTED = float(np.cos(np.pi / 12))
-
-#: Parts of a facet size between the points of a sharp edge at which its depth is measured, and the
-#: most parts of an edge.
-SAMPLED, MOST_PARTS = 0.25, 200
-
-#: Number of pairs of edges that are processed at a time.
-_MANY = 1_000_000
+#: Part of a facet size between the points of a sharp edge at which its depth is measured. With 1,
+#: an edge could be deep between them.
+SAMPLED = 0.25
 
 
 class Crossings(typing.NamedTuple):
@@ -200,8 +188,9 @@ def deepest_on_faces(
 ) -> tuple[float, tuple[float, ...]]:
     """Largest penetration of sharp edges of one body in faces of the other one, in 3D. Collective.
 
-    Edges of which a facet lies on the other surface up to 15° do not count: the points of this
-    facet are as deep.
+    Edges of which a facet lies on the other surface, up to half of the angle of a sharp edge, do
+    not count: the points of this facet are as deep. So the rim of a flat punch that facets resolve
+    does not count (tests/sliding/test_deep_edges.py).
 
     Args:
         role: The two surfaces, of which one has sharp edges.
@@ -218,13 +207,15 @@ def deepest_on_faces(
     near = np.all((edges.x.max(axis=1) >= low - reach) & (edges.x.min(axis=1) <= high + reach), 1)
     creases = edges.some(edges.are_sharp & near)
     parts = np.ceil(creases.length / (SAMPLED * role.slave.facet_size_range[0]))
-    parts = np.clip(parts, 1, MOST_PARTS).astype(np.int64)
+    parts = np.clip(parts, 1, 200).astype(np.int64)  # for facets of very different sizes
     crease = np.repeat(np.arange(len(parts)), parts + 1)
     first = np.repeat(np.cumsum(parts + 1) - parts - 1, parts + 1)
     place = (np.arange(len(crease)) - first) / parts[crease]
     closest, x, here = _closest(role, creases, crease, place, reach)
     depth = np.sum((closest["x"] - x) * closest["normal"], axis=1)
-    counts = closest["found"].astype(bool) & _leads_away(here, -closest["normal"], SLANTED)
+    counts = closest["found"].astype(bool) & _leads_away(
+        here, -closest["normal"], float(np.cos(SHARP / 2))
+    )
     counts &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     counts &= depth <= deepest(role.slave)
     at = int(np.argmax(np.where(counts, depth, 0.0))) if len(depth) else -1
@@ -335,7 +326,7 @@ def _facing(role: EdgesRole, creases: Edges, places: tuple[Indices, Array], reac
     crease, place = places
     closest, x, here = _closest(role, creases, crease, place, reach)
     normal = -closest["normal"]
-    keep = closest["found"].astype(bool) & _leads_away(here, normal)
+    keep = closest["found"].astype(bool) & _leads_away(here, normal, FLAT)
     keep &= ~_are_beside(x, closest, role.slave.facet_size_range[0])
     keep &= np.sum((x - closest["x"]) * normal, axis=1) <= deepest(role.slave)
     names = ("x", "dofs", "owner", "shape_values")
@@ -389,7 +380,7 @@ def _are_beside(x: Array, closest: dict[str, typing.Any], size: float) -> Flags:
     return np.asarray(offset > cone * np.abs(height) + SOLVED * size)
 
 
-def _leads_away(edges: Edges, normal: Array, flat: float = FLAT) -> Flags:
+def _leads_away(edges: Edges, normal: Array, flat: float) -> Flags:
     """Whether no facet is inclined towards the other body along the normal, or parallel."""
     inward = np.einsum("pfk,pk->pf", edges.inward, normal)
     level = np.einsum("pfk,pk->pf", edges.normal, normal)
@@ -458,7 +449,8 @@ def _candidates(
     start = np.searchsorted(lower[:, axis], low[:, axis] - longest, side="left")
     end = np.searchsorted(lower[:, axis], high[:, axis], side="right")
     count = end - start
-    parts = np.searchsorted(np.cumsum(count), np.arange(0, int(count.sum()) + _MANY, _MANY))
+    many = 1_000_000  # pairs at a time: some 100 bytes of memory each
+    parts = np.searchsorted(np.cumsum(count), np.arange(0, int(count.sum()) + many, many))
     for first, last in zip(parts, [*parts[1:], len(count)], strict=True):
         some = np.arange(first, last)
         i = np.repeat(some, count[some])
@@ -477,7 +469,7 @@ def _crossing(
     sharp = there.are_sharp
     normal = np.where(sharp[:, None], np.cross(along, across), -there.normal.sum(axis=1))
     size = np.linalg.norm(normal, axis=1)
-    least = ACROSS * np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
+    least = np.sin(PARALLEL) * np.linalg.norm(along, axis=1) * np.linalg.norm(across, axis=1)
     keep = size > np.where(sharp, least, 1e-300)
     normal = normal / np.maximum(size, 1e-300)[:, None]
     outward = np.sum(normal * here.normal.sum(axis=1), axis=1)
@@ -490,8 +482,9 @@ def _crossing(
     keep &= (t >= -ROUNDING) & (t < np.where(sharp, 1 - ROUNDING, 1 + ROUNDING))
     gap = np.sum((there.at(t) - here.at(s)) * normal, axis=1)
     keep &= (gap <= reach[0]) & (gap >= -min(reach))
+    # Of an edge along the normal, only the end protrudes.
     keep &= np.abs(np.sum(along * normal, axis=1)) < UPRIGHT * np.linalg.norm(along, axis=1)
-    keep &= _leads_away(here, normal) & (~sharp | _leads_away(there, -normal))
+    keep &= _leads_away(here, normal, FLAT) & (~sharp | _leads_away(there, -normal, FLAT))
     return Crossings(i[keep], j[keep], places[keep], normal[keep])
 
 
@@ -505,7 +498,7 @@ def _lines_closest(
 
     a, b, c = seen(along), seen(across), seen(there.x[:, 0] - here.x[:, 0])
     of_area = np.sum(np.cross(a, b) * normal, axis=1)
-    least = ALONG * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    least = np.sin(PARALLEL) * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     is_across = np.abs(of_area) > np.maximum(least, 1e-300)
     of_area = np.where(is_across, of_area, 1.0)
     s = np.sum(np.cross(c, b) * normal, axis=1) / of_area

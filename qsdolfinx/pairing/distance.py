@@ -18,9 +18,11 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 #: Degree of the rule on the segments of an overlay, for the points at which distances are measured.
+#: With 0, deep parts of a segment beside its middle would not be measured.
 DEGREE = 2
 
-#: The same degree for self-contact.
+#: The same degree for self-contact, whose nodes are not measured: with 2, the deepest place of a
+#: segment would be missed by more.
 OF_ITSELF = 8
 
 #: Largest offset in the plane of a facet over the height above or below it; with a larger one, a

@@ -9,15 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.pairing.facets import Faceted
-from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.facets import SHARP
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-
-#: Cosine of the angle (30°) between facet normals from which an edge is sharp.
-CREASE = float(np.cos(np.pi / 6))
 
 
 class Edges(typing.NamedTuple):
@@ -43,7 +41,7 @@ class Edges(typing.NamedTuple):
     @property
     def are_sharp(self) -> Flags:
         """Whether each edge is sharp, (edges,)."""
-        return np.asarray(np.sum(self.normal[:, 0] * self.normal[:, 1], axis=1) < CREASE)
+        return np.asarray(np.sum(self.normal[:, 0] * self.normal[:, 1], axis=1) < np.cos(SHARP))
 
     @property
     def length(self) -> Array:

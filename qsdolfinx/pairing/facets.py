@@ -10,8 +10,9 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from qsdolfinx.surface.affine import EDGES
+from qsdolfinx.surface.facets import SHARP
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.facet_surface import FacetSurface
 from qsdolfinx.tools.rigid_surface import AnySurface
 
@@ -20,10 +21,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: A surface with facets: that of a body, or that of a tool.
 Faceted = Surface | FacetSurface
-
-#: Length of the sum of the facet normals at a node over their number, for facets at an angle of
-#: 30°.
-SMOOTH = float(np.cos(np.pi / 12))
 
 
 def has_creases(surface: AnySurface, asked: bool) -> bool:
@@ -58,7 +55,7 @@ def sharp_nodes(surface: Faceted) -> Flags:
     normals = normals_at_vertices(surface).reshape(-1, 3)
     ones = np.ones(len(normals))
     total = np.array([sums(surface, values) for values in (*normals.T, ones)])
-    return np.asarray(np.linalg.norm(total[:3], axis=0) < SMOOTH * total[3])
+    return np.asarray(np.linalg.norm(total[:3], axis=0) < np.cos(SHARP / 2) * total[3])
 
 
 def normals_at_vertices(surface: Faceted) -> Array:

@@ -66,11 +66,10 @@ class Sampling(typing.NamedTuple):
         return Relief.unknown("shared") if cut and found.lift else found
 
 
-#: Least covered part of S_k for a node to have its own multiplier in the augmented Lagrangian.
+#: Least covered part of S_k, and of the area of a side of a node, for a multiplier of its own in
+#: the augmented Lagrangian. With less it is not determined; with more, whole nodes at the edge of a
+#: surface carry nothing.
 LEAST_COVER = 0.1
-
-#: Degree of the rule along edges for general quadrilaterals: cpp/geometry/planar.h, PlanarFacet.
-EDGE_DEGREE = 47
 
 
 def check_quadrature(
@@ -173,7 +172,8 @@ def overlay_rules(gdim: int, degree: int) -> tuple[Array, Array, Array, Array]:
     """Points and weights on segments of the overlay and along edges."""
     kind = basix.CellType.interval if gdim == 2 else basix.CellType.triangle
     piece_x, piece_w = map(np.asarray, basix.make_quadrature(kind, degree))
-    edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, EDGE_DEGREE))
+    # For general quadrilaterals: see PlanarFacet in cpp/geometry/planar.h.
+    edge_x, edge_w = map(np.asarray, basix.make_quadrature(basix.CellType.interval, 47))
     return piece_x, piece_w, edge_x, edge_w
 
 

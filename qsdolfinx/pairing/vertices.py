@@ -121,7 +121,8 @@ def _lead_away(slave: Faceted, points: _cpp.PairingPoints, along: Array) -> Flag
     node = nodes_of(slave, points)
     normal = np.zeros((len(slave.node_area), 3))
     normal[node] = along
-    return lead_away(slave, normal, slave.coordinates[0], normals_at_vertices(slave))[node]
+    normals = normals_at_vertices(slave)
+    return lead_away(slave, normal, slave.coordinates[0], normals, FLAT)[node]
 
 
 def nodes_of(slave: Faceted, points: _cpp.PairingPoints) -> Indices:
@@ -129,9 +130,7 @@ def nodes_of(slave: Faceted, points: _cpp.PairingPoints) -> Indices:
     return np.searchsorted(slave.node_dofs[:, 0], points.slave["dofs"][:, 0, 0])
 
 
-def lead_away(
-    slave: Faceted, along: Array, x: Array, normals: Array, parallel: float = FLAT
-) -> Flags:
+def lead_away(slave: Faceted, along: Array, x: Array, normals: Array, parallel: float) -> Flags:
     """Owned nodes without a facet inclined towards the other surface, (nodes,). Collective.
 
     Args:

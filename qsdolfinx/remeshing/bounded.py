@@ -19,10 +19,12 @@ from qsdolfinx.compat import cell_nodes
 Array = npt.NDArray[np.float64]
 Interpolate = typing.Callable[[fem.Function, fem.Function], None]
 
-#: Degree of the rule by which new cells sample old ones.
+#: Degree of the rule by which new cells sample old ones. With 1, old cells smaller than the new
+#: ones would be missed.
 SAMPLES = 5
 
-#: Relative change of an integral that counts as rounding error.
+#: Relative change of an integral that counts as rounding error: a larger one would remain in the
+#: result.
 EXACT = 1e-13
 
 

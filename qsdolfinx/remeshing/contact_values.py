@@ -17,7 +17,8 @@ from qsdolfinx.remeshing.surface_values import SurfaceValues
 
 Array = npt.NDArray[np.float64]
 
-#: Largest factor by which multipliers are corrected where a surface is covered in part.
+#: Largest factor by which multipliers are corrected where a surface is covered in part. With 1
+#: nothing is corrected; with much more, tractions would be those of another area.
 LARGEST = 1.5
 
 

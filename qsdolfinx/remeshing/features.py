@@ -22,12 +22,14 @@ Edge = tuple[int, int]
 #: (test_a_mesh_that_stays_is_the_same_mesh).
 ROUNDING = 1e-14
 
-#: Lines of sharp edges that end within a region and are shorter than this, in sizes of cells there,
-#: are noise.
+#: Length of lines of sharp edges that end within a region, over the size of cells there, below
+#: which they are noise. With less, noise of a deformed surface makes corners; with more, true ends
+#: of edges are lost.
 SHORT = 2.0
 
 
-#: Number of triangles that may lie on a plane by chance.
+#: Number of triangles that may lie on a plane by chance. With fewer, parts of curved surfaces
+#: become planes, on which nodes must stay.
 FEW = 8
 
 

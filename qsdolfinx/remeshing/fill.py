@@ -16,16 +16,15 @@ from qsdolfinx.remeshing.retriangulate import Boundary
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: gmsh's algorithms in the order in which they are tried: Delaunay, frontal, HXT; MeshAdapt.
+#: Numbers of gmsh's algorithms in the order in which they are tried: Delaunay, frontal, HXT;
+#: MeshAdapt.
 ALGORITHMS = {2: (6, 5, 1), 3: (1, 4, 10)}
 
 #: gmsh's numbers of lines, triangles and tetrahedra.
 LINE, TRIANGLE, TETRAHEDRON = 1, 2, 4
 
-#: Quality of tetrahedra, in gmsh's measure, below which gmsh optimises them.
-GOOD = 0.5
-
-#: Quality below which a cell is rejected as too flat.
+#: Quality, 1 is best, below which a cell is rejected as too flat. A flat cell has an infinite
+#: stiffness; with much more, usual meshes would be rejected.
 LEAST_QUALITY = 0.01
 
 
@@ -144,7 +143,7 @@ def _fill(gmsh: typing.Any, boundary: Boundary, outline: Outline, algorithm: int
     gmsh.option.setNumber("Mesh.Algorithm" if gdim == 2 else "Mesh.Algorithm3D", algorithm)
     gmsh.option.setNumber("Mesh.Optimize", 1)
     gmsh.option.setNumber("Mesh.OptimizeNetgen", 0)
-    gmsh.option.setNumber("Mesh.OptimizeThreshold", GOOD)
+    gmsh.option.setNumber("Mesh.OptimizeThreshold", 0.5)  # quality, 1 is best
     gmsh.logger.start()
     try:
         gmsh.model.mesh.generate(gdim)

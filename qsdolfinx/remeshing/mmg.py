@@ -26,9 +26,6 @@ Indices = npt.NDArray[np.int64]
 #: Names of the program.
 PROGRAMS = ("mmg3d_O3", "mmg3d")
 
-#: Largest distance of MMG's surface from its smooth surface, over the largest size.
-OFF = 0.1
-
 #: First lines of the files.
 HEAD = "MeshVersionFormatted 2\nDimension 3\n"
 
@@ -97,8 +94,9 @@ def _run(outline: Outline, features: Features) -> dict[str, Array]:
         given, wanted, made = (pathlib.Path(folder) / f for f in ("in.mesh", "in.sol", "out.mesh"))
         _write(given, outline, features)
         _write_sizes(wanted, sizes)
-        # Lines, corners, growth and surface sizes are given: MMG must not determine them.
-        options = ["-v", "1", "-nr", "-hgrad", "-1", "-hausd", f"{OFF * sizes.max():.17g}"]
+        # Lines, corners, growth and surface sizes are given: MMG must not determine them. Its
+        # surface is at most a tenth of a size off the smooth surface.
+        options = ["-v", "1", "-nr", "-hgrad", "-1", "-hausd", f"{0.1 * sizes.max():.17g}"]
         limits = ["-hmin", f"{sizes.min() / 4:.17g}", "-hmax", f"{2 * sizes.max():.17g}"]
         files = ["-sol", str(wanted), "-out", str(made), str(given)]
         done = subprocess.run(

@@ -44,16 +44,19 @@ from qsdolfinx.surface.arguments import is_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Largest relative change of the volume by a new mesh.
+#: Largest relative change of the volume by a new mesh. More would be seen as a change of pressure
+#: in a nearly incompressible body.
 VOLUME = 1e-4
 
-#: Number of cells above which the sizes are probably a mistake, for example of units.
+#: Number of cells above which the sizes are probably a mistake, for example of units. A tenth of it
+#: is a mesh that users solve with; with much more, memory ends before the message.
 MOST_CELLS = 2e7
 
 #: What makes meshes.
 MESHERS = ("gmsh", "mmg")
 
-#: Factors of the sizes that are tried one after the other until there is a mesh.
+#: The requested sizes are multiplied by each factor, one after the other, until there is a mesh
+#: that is good enough. They must stay near 1: with 0.5, there would be eight times as many cells.
 SIZES = (1.0, 0.85, 1.1, 0.7)
 
 ANGLE = number("an angle between 0 and 180 degrees", lambda x: 0 < x < 180)

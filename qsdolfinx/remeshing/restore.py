@@ -11,11 +11,12 @@ from qsdolfinx.remeshing.retriangulate import Boundary
 
 Array = npt.NDArray[np.float64]
 
-#: Tolerance of the relative change of the volume.
+#: Relative change of the volume that counts as rounding error: a larger one would remain after each
+#: new mesh.
 EXACT = 1e-12
 
 #: Displacement of nodes, in units of the local cell size, above which the volume cannot be
-#: restored.
+#: restored. With more, cells at the boundary would be turned over.
 FAR = 0.25
 
 

@@ -15,24 +15,21 @@ from qsdolfinx.remeshing.triangulation import Triangulation
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-#: Most rounds of splitting, collapsing, flipping and smoothing.
-ROUNDS = 12
-
-#: Part of the distance to the mean of its neighbours by which a node moves in a round.
+#: Part of the distance to the mean of its neighbours by which a node moves in a round. With 0
+#: nothing is smoothed; above 1 nodes move beyond the mean.
 STEP = 0.7
 
-#: Changes in a round, over the number of edges, below which the rounds end.
-FEW = 2e-3
-
 #: Smallest cosine of the angle between a node's normal and the normal of the old triangle onto
-#: which the node is projected.
+#: which the node is projected. With -1, nodes of a thin part would be projected onto its other
+#: side.
 SAME_SIDE = 0.5
 
 #: Ratio of singular values of normals (half of their angle, in radians) below which two planes
 #: count as one for a node on both: their intersection moves far if the planes move a little.
 NEARLY_ONE = 0.05
 
-#: Quality below which smoothing must not make triangles worse.
+#: Quality, 1 is best, below which smoothing must not make triangles worse. With 1, no node would
+#: move.
 POOR = 0.2
 
 
@@ -115,12 +112,12 @@ def retriangulate(
     triangles = np.searchsorted(used, triangles)
     old = OldSurface(x, triangles, sizes, features)
     surface = Triangulation(x, triangles, sizes, features)
-    for _ in range(ROUNDS):
+    for _ in range(12):  # after few rounds hardly any edge changes
         edges = len(surface.faces) * 3 // 2
         changes = surface.split_long() + surface.collapse_short()
         surface.turn_edges()
         _smooth(surface, old)
-        if changes < FEW * edges:
+        if changes < 2e-3 * edges:  # with 0, some edges could be split and collapsed for ever
             break
     surface.turn_edges()
     tag_of = dict(zip(listed(features.region), listed(tags), strict=True))

@@ -22,11 +22,8 @@ from qsdolfinx.remeshing.sizes import where
 Array = npt.NDArray[np.float64]
 
 #: Shift of a mesh, over its largest cell, and its direction, which is parallel to no face of a
-#: usual mesh.
+#: usual mesh. Values change by as much; with less than 1e-9, DOLFINx would not see it.
 ASIDE, _SOMEWHERE = 1e-6, np.array([0.53, 0.71, 0.46])
-
-#: Size of the largest cell of a mesh that is magnified.
-LARGE = 1e3
 
 SPACE = instance(fem.FunctionSpace, "a dolfinx.fem.FunctionSpace")
 
@@ -143,11 +140,13 @@ def _aside(old: mesh.Mesh, new: mesh.Mesh) -> typing.Iterator[float]:
 
     Otherwise a point of the new mesh on a face between two old cells would use the values of the
     cell that is found first, which depends on the partition. DOLFINx takes points within 1e-6, in
-    any unit, as points of a cell.
+    any unit, as points of a cell: the largest cell is made so large that this is little of the
+    shift.
     """
-    before, scale = (old.geometry.x.copy(), new.geometry.x.copy()), LARGE / _largest_cell(old)
+    size = 1e3
+    before, scale = (old.geometry.x.copy(), new.geometry.x.copy()), size / _largest_cell(old)
     shift = np.where(np.arange(3) < old.geometry.dim, _SOMEWHERE, 0.0)
-    old.geometry.x[:] = scale * before[0] + ASIDE * LARGE * shift
+    old.geometry.x[:] = scale * before[0] + ASIDE * size * shift
     new.geometry.x[:] = scale * before[1]
     try:
         yield scale

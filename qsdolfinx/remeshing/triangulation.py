@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.remeshing.features import Edge, Features
 from qsdolfinx.remeshing.outline import listed
 
@@ -15,20 +16,22 @@ Indices = npt.NDArray[np.int64]
 Point = tuple[float, float, float]
 Face = tuple[int, int, int]
 
-#: Cosine of the largest angle by which a change of the surface may rotate triangles.
+#: Cosine of the largest angle by which a change of the surface may rotate triangles. With 90°
+#: surfaces lose their shape, with 0° no edge of a curved surface is collapsed.
 TURNS = math.cos(math.radians(25))
 
-#: Quality, 1 is best, below which no change may reduce a triangle of better quality.
+#: Quality, 1 is best, below which no change may reduce a triangle of better quality. With 0, flat
+#: triangles remain; with 1, no edge is collapsed.
 LEAST_SHAPE = 0.1
 
-#: Largest distance by which removing a node may move a line, in units of the local cell size.
+#: Largest distance by which removing a node may move a line, in units of the local cell size. With
+#: 0, curved lines keep all of their nodes; with 1, they lose their shape.
 OFF_LINE = 0.05
 
-#: Largest and smallest length of edges, in units of the requested size, that are not changed.
+#: Largest and smallest length of edges, in units of the requested size, that are not changed. Half
+#: of the largest is shorter than the other, but two collapsed edges are no longer than it: splits
+#: and collapses end (Botsch and Kobbelt, 2004).
 LONG, SHORT = 4 / 3, 4 / 5
-
-#: Sum of the angles (radians) opposite to an edge above which the edge is flipped.
-FACING = math.pi + 1e-6
 
 
 class Triangulation:
@@ -228,7 +231,7 @@ class Triangulation:
             c, d = self._opposite(first, a, b), self._opposite(second, a, b)
             if self._is_edge(c, d) or min(len(self.star[a]), len(self.star[b])) <= 3:
                 continue
-            if self._angle(c, a, b) + self._angle(d, a, b) <= FACING:
+            if self._angle(c, a, b) + self._angle(d, a, b) <= math.pi + SOLVED:
                 continue
             old = [self.faces[first], self.faces[second]]
             new = [_replaced(old[0], b, d), _replaced(old[1], a, c)]

@@ -24,8 +24,9 @@ from qsdolfinx.system.equations import Equations
 
 Array = npt.NDArray[np.float64]
 
-#: Most times that a solve is continued after the nodes with multipliers, or the vertices with
-#: contact quadrature points, have changed.
+#: Largest number of times that a solve is continued after the nodes with multipliers, or the
+#: vertices with contact quadrature points, have changed. With 0, points that slide onto other
+#: facets end the solve with a warning.
 MOST_OTHERS = 5
 
 

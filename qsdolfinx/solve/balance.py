@@ -9,36 +9,32 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.solve.convergence import ROUNDING
 from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.stabilisation import VANISHING
 from qsdolfinx.surface.unknowns import is_vertex_scalar
-from qsdolfinx.system.condensed_rows import LEAST_PROXIMAL, PROXIMAL
+from qsdolfinx.system.condensed_rows import PROXIMAL
 from qsdolfinx.system.derivative import REGULAR
 from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL
 from qsdolfinx.system.passes import State
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
 #: Largest stiffness of the springs of bodies without any Dirichlet condition, over the diagonal of
-#: the stiffness matrix of the body.
+#: the stiffness matrix of the body. Stiffer springs take more iterations; with much softer ones, a
+#: body leaves its contacts in one iteration.
 SPRINGS = 1e-4
 
-#: Stiffness of the springs, over that diagonal, of bodies that have some conditions, if these and
-#: the active constraints leave a rigid motion free.
-UNHELD = 1e-3
-
 #: Residual, relative to contact forces, below which the regularisation of constraints at contact
-#: quadrature points decreases.
+#: quadrature points decreases. With much less, the last iterations converge slowly; with 1, it
+#: never acts.
 LITTLE = 1e-2
 
-#: Unbalanced force of a tool over the force that drives it.
+#: Unbalanced force of a tool over the force that drives it, at the end of a solve. It is the
+#: accuracy of the tool's force; with less than some 1e-12, rounding could keep solves from ending.
 RTOL_TOOLS = 1e-8
-
-#: Number of iterations within rounding level after which a solve ends, even if steps are halved.
-MOST_REFINED = 10
-
-#: Rounding errors of forces and gaps, in units in the last place of the largest coordinate.
-ROUNDING = 50 * np.finfo(np.float64).eps
 
 
 class Iterate(typing.NamedTuple):
@@ -63,8 +59,9 @@ class Iterate(typing.NamedTuple):
     step: float
 
 
-#: The residual falls slowly if it is larger than this part of its value so many iterations before:
-#: ``tests/sliding/test_pads.py``, strong friction.
+#: The residual falls slowly if it is larger than this part of its value so many iterations before;
+#: active points then get no compliance. With a small part, it would always fall slowly; with a
+#: large one, never: ``tests/sliding/test_pads.py``, strong friction.
 SLOW, SOME = 0.5, 6
 
 
@@ -106,7 +103,7 @@ class Balance:
         self.open_gap = 0.0
         #: Number of iterates when a step was last shortened.
         self._cut_after = 0
-        self._times_in_floor, self._is_held, self._unheld = 0, True, UNHELD
+        self._times_in_floor, self._is_held, self._unheld = 0, True, VANISHING
         #: Active and sticking constraints of each integration side at the last iterate, and whether
         #: these sets are unchanged since the iterate before.
         self._sets: list[npt.NDArray[np.bool_]] = []
@@ -169,20 +166,22 @@ class Balance:
         self.history.append(found)
         free = equations.system.made.hold.free_motions([e.active for e in at.passes])
         self._is_held = free.shape[1] == 0
-        self._unheld = UNHELD
+        self._unheld = VANISHING
         if not self._is_held and self._may_go_far:
-            self._unheld = min(UNHELD, self._spring_of(R, free))
+            self._unheld = min(VANISHING, self._spring_of(R, free))
         limits = max(self._rtol * forces, of_rates), self._rtol * largest[1]
+        share = ROUNDING * float(np.finfo(np.float64).eps)
         self.until = max(float(limits[0]), self._atol)
         self._seen = np.maximum(self._seen, [residual, forces])
         rounded, largest[2] = max(rounded, *self._seen), max(*largest[1:], self._last)
         self._last = float(largest[1])
-        self.until = max(self.until, float(ROUNDING * rounded))
-        floors = max(limits[0], ROUNDING * rounded), max(limits[1], ROUNDING * largest[2])
+        self.until = max(self.until, float(share * rounded))
+        floors = max(limits[0], share * rounded), max(limits[1], share * largest[2])
         in_floor = bool(residual <= floors[0] and largest[0] <= floors[1])
         # One more iteration with a full step, as a refinement, reduces the error to rounding level.
         self._times_in_floor = self._times_in_floor + 1 if in_floor else 0
-        refined = self._times_in_floor > (MOST_REFINED if step < 1 else 1)
+        # Even if steps are halved, an iteration at rounding level ends.
+        refined = self._times_in_floor > (10 if step < 1 else 1)
         if in_floor and (refined or largest[1] == 0):
             limits = floors
         balanced = residual <= max(limits[0], self._atol) and tools <= RTOL_TOOLS

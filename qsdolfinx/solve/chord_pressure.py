@@ -18,7 +18,8 @@ from qsdolfinx.solve.newton import Newton
 Array = npt.NDArray[np.float64]
 
 #: Root mean square of the pressure error due to chord errors, over the mean pressure, above which a
-#: solve warns: ``tests/contact/test_warnings.py``.
+#: solve warns. With less, meshes whose results are good would get a warning:
+#: ``tests/contact/test_warnings.py``.
 NOTICED = 0.1
 
 #: Pressure that presses the chord errors flat within facets, over the mean pressure, above which a

@@ -25,10 +25,12 @@ Array = npt.NDArray[np.float64]
 
 TARGET = number("above 0 and at most 1", lambda m: 0 < m <= 1)
 
-#: Largest factor between the rate sensitivities of two solves.
+#: Largest factor between the rate sensitivities of two solves. With much more, a solve starts too
+#: far away; with less, there are more solves.
 FACTOR = 4.0
 
-#: Smallest step of the continuation, relative to the whole.
+#: Smallest step of the continuation, relative to the whole. With much less, a problem without a
+#: solution would be solved hundreds of times.
 SMALLEST_STEP = 1 / 64
 
 

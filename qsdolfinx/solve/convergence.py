@@ -9,28 +9,27 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
 
-#: Norm of the residual due to rounding errors, over the norm of eps K_ii x_i.
+#: Norm of the residual due to rounding errors, over the norm of eps K_ii x_i, and rounding errors
+#: of forces and gaps in units in the last place of the largest coordinate. With less, solves near
+#: rounding level do not end; with much more, they end early.
 ROUNDING = 50.0
 
-#: Largest acceptable rounding error, over the forces.
-NOTICED = 1e-6
-
-#: Last step over the unknowns, both in the 2-norm, below which the unknowns no longer change.
+#: Last step over the unknowns, both in the 2-norm, below which the unknowns no longer change. With
+#: much more, solves that diverge would end as if rounding hid their forces.
 RESTING = 1e-4
 
-#: Displacement over the size of a cell, of a body that counts as undeformed.
+#: Displacement over the size of a cell, of a body that counts as undeformed. With much more,
+#: rounding would end solves of deformed bodies.
 UNDEFORMED = 1e-4
 
 #: The same ratio, above which a body counts as very far away: a step that is small relative to such
 #: a displacement does not mean that the body is at rest.
 FLOWN = 1e6
-
-#: If an iteration reduces the residual by no more than this factor, it has reached rounding level.
-STALLED = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,8 +80,8 @@ class Measures:
             forces: Forces that acted, or were not balanced, earlier in the solve.
             rests: Whether the last step was small.
         """
-        stalled = self.residuals > STALLED * least
-        hidden = self.rounding > NOTICED * np.maximum(self.sizes, forces)
+        stalled = self.residuals > 0.5 * least  # not halved: it has reached rounding level
+        hidden = self.rounding > SOLVED * np.maximum(self.sizes, forces)
         small = self.undeformed | ~hidden | (~self.flown & rests)
         return np.where(stalled & small, np.maximum(limits, self.rounding), limits)
 

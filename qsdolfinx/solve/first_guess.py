@@ -7,12 +7,10 @@ import numpy as np
 from qsdolfinx.solve.foundation import Foundation, Springs
 from qsdolfinx.system.system import ContactSystem
 
-#: No guess is made if, at the start, contact leaves less than this part of the loads unbalanced.
+#: No guess is made, and no tool moved into contact, if contact leaves at most this part of the
+#: loads, or of a tool's force, unbalanced at the start. With less, steps of a history would start
+#: from a guess; with 1, bodies that hardly touch would not be moved.
 BALANCED = 0.5
-
-#: Fractions of the motion that are tried if contact with updated geometry would lose more than half
-#: of its nodes in the whole motion.
-PARTS, KEPT = (1.0, 0.5, 0.25, 0.125), 0.5
 
 
 def guess(system: ContactSystem) -> None:
@@ -42,12 +40,13 @@ def guess(system: ContactSystem) -> None:
     if coefficients is None:
         return
     start, paired = system.x.array.copy(), system.num_paired()
-    for part in PARTS:
+    # Contact with updated geometry could lose most of its nodes in the whole motion.
+    for part in (1.0, 0.5, 0.25, 0.125):
         for i, scale in enumerate(system.scales):
             displacement = part * rigid.displacement(motions @ coefficients, i)
             system.part(system.x.array, i)[:] = system.part(start, i) + displacement / scale
         system.residual(system.x.array_r)
-        if system.num_paired() >= KEPT * paired:
+        if system.num_paired() >= 0.5 * paired:
             return
     system.x.array[:] = start
     system.residual(start)

@@ -11,17 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.system.equations import UNBALANCED
 
 Array = npt.NDArray[np.float64]
-
-#: Force (over the size of the loads) that counts as balanced: only a start for Newton's method.
-_TOLERANCE = 1e-3
-#: Newton steps of the rigid motion at most; it has six unknowns a body.
-_MAX_STEPS = 30
-#: Bisections of a step's length: 2^-30 of it is below the tolerance.
-_MAX_BISECTIONS = 30
-#: Doublings of that length until the force changes its sign: 2^60 is beyond any scene.
-_MAX_DOUBLINGS = 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +97,7 @@ class Foundation:
         values, vectors = np.linalg.eigh(self._hessian(q))
         stiff = values > 1e-10 * max(values.max(), 1e-300)
         along = vectors.T @ gradient
-        if np.linalg.norm(along[~stiff]) > _TOLERANCE * self._size:
+        if np.linalg.norm(along[~stiff]) > UNBALANCED * self._size:
             return np.asarray(-vectors[:, ~stiff] @ along[~stiff])
         return np.asarray(-vectors[:, stiff] @ (along[stiff] / values[stiff]))
 
@@ -120,13 +112,13 @@ class Foundation:
         # Bracket: the width of the gaps, or the deflection if the springs at all constraints act.
         stiffness = self._comm.allreduce(self._eps * self._weight @ change**2, op=MPI.SUM)
         low, high = 0.0, max(reach / scale, abs(direction @ self._gradient(q)) / stiffness)
-        for _ in range(_MAX_DOUBLINGS):
+        for _ in range(60):  # until the force changes its sign: 2^60 is beyond any scene
             if direction @ self._gradient(q + high * direction) > 0:
                 break
             low, high = high, 2 * high
         else:
             return None
-        for _ in range(_MAX_BISECTIONS):
+        for _ in range(30):  # 2^-30 of the step is below the tolerance
             middle = 0.5 * (low + high)
             if direction @ self._gradient(q + middle * direction) > 0:
                 high = middle
@@ -138,9 +130,9 @@ class Foundation:
         """Compute the motions q; None if nothing stops them. Collective."""
         q: Array = np.zeros(len(self._r))
         for _ in range(3):
-            for _ in range(_MAX_STEPS):
+            for _ in range(30):  # there are six unknowns a body
                 gradient = self._gradient(q)
-                if np.linalg.norm(gradient) <= _TOLERANCE * self._size:
+                if np.linalg.norm(gradient) <= UNBALANCED * self._size:
                     break
                 direction = self._direction(q, gradient)
                 step = self._step(q, direction)

@@ -9,17 +9,17 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
+
 Array = npt.NDArray[np.float64]
 
-#: Largest number of earlier iterations that are mixed.
+#: Largest number of earlier iterations that are mixed. As many convergence factors are removed at
+#: once: with one, laws with two fronts converge slowly. Each takes two vectors of memory.
 MOST = 4
 
 #: The residual falls slowly if it is larger than the first part of the residual before. Mixing must
 #: reduce the residual to the second part of the present one.
 SLOWLY, LEFT = 0.03, 0.5
-
-#: Relative size below which differences of residuals count as linearly dependent.
-SAME = 1e-6
 
 
 class Mixing:
@@ -74,9 +74,7 @@ def _least(products: Array, with_residual: Array, square: float) -> tuple[Array,
     scale = np.sqrt(np.diag(products))
     if not np.all(scale > 0):
         return np.zeros(len(scale)), square
-    gamma = (
-        np.linalg.lstsq(products / np.outer(scale, scale), with_residual / scale, rcond=SAME**2)[0]
-        / scale
-    )
+    matrix, right = products / np.outer(scale, scale), with_residual / scale
+    gamma = np.linalg.lstsq(matrix, right, rcond=SOLVED**2)[0] / scale
     left = square - 2 * gamma @ with_residual + gamma @ products @ gamma
     return gamma, float(left)

@@ -14,13 +14,8 @@ from qsdolfinx.system.passes import State
 from qsdolfinx.system.system import ContactSystem
 
 #: Relative difference of merits, and of parts of steps, up to which iterates count as the same.
+#: With less, cycles that converge are not seen; with more, slow convergence counts as a cycle.
 SAME = 0.01
-
-#: Iterates that are described if the last iteration has been reached.
-LAST = 10
-
-#: Part of a step below which it was cut because the merit rose, for the description.
-SHORT = 0.25
 
 
 class _Iterate(typing.NamedTuple):
@@ -78,13 +73,13 @@ class Progress:
 
     def late(self) -> str:
         """Describe the last iterates of a run that has reached its last iteration. Collective."""
-        last = self._iterates[-LAST:]
+        last = self._iterates[-10:]
         first, now = last[0].merit, last[-1].merit
         text = f"in the last {len(last) - 1} iterations the residual of all equations went from "
         text += f"{first:.3g} to {now:.3g}"
-        num_short = sum(each.step < SHORT for each in last)
+        num_short = sum(each.step < 0.25 for each in last)
         if 2 * num_short > len(last):
-            text += f", and {num_short} steps were cut to less than {SHORT:g}"
+            text += f", and {num_short} steps were cut to less than 0.25"
         return text + self._sets(len(last))
 
     def _period(self) -> int | None:

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.contact.slid import NEARBY
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.passes import Pass
@@ -20,15 +21,6 @@ Flags = npt.NDArray[np.bool_]
 
 #: Smallest remaining part of a step after contact onset: slip rates are slip divided by it.
 LEAST_SHARE = 1e-2
-
-#: Most straight parts of a path, smallest factor of the number of active constraints from the start
-#: to the end of a part, and number of distinguished onset times.
-MAX_PARTS, MORE, NUM_TIMES = 4, 2.0, 64
-
-#: Largest displacement (facets) in a step up to which the onset time of constraints at points with
-#: updated geometry is computed. Beyond it, the energy of contact that slides by facets would be too
-#: small (``tests/sliding/test_points.py``).
-NEAR = 0.5
 
 
 class _Way:
@@ -68,8 +60,8 @@ class _Way:
         self._to_gap, self._to_jump = gap, jump
         if self.p.gap.following is not None:
             # Beyond this distance it slides onto parts that were in contact before, for the whole
-            # step.
-            near = np.linalg.norm(jump, axis=1) < NEAR * self.p.gap.slave.facet_size_range[1]
+            # step: the energy of contact that slides by facets would be too small.
+            near = np.linalg.norm(jump, axis=1) < NEARBY * self.p.gap.slave.facet_size_range[1]
             self.open, self._began_open = self.open & near, self._began_open & near
             self.closing = np.where(self._began_open, self.closing, 0.0)
         closes = self.open & (gap > np.maximum(self._gap, 0.0))
@@ -138,8 +130,10 @@ class Onset:
         """
         now, closed = 0.0, self._sum(way.num_closed for way in self._with_friction)
         rows = self._sum(int(np.count_nonzero(way.open)) for way in self._with_friction)
-        more = max(MORE, (1 + rows / max(closed, 1)) ** (1 / MAX_PARTS))
-        for part in range(MAX_PARTS):
+        # At most four straight parts, in each of which the active constraints at least double.
+        num_parts = 4
+        more = max(2.0, (1 + rows / max(closed, 1)) ** (1 / num_parts))
+        for part in range(num_parts):
             change = step(self._open())
             if change is None:
                 return None
@@ -188,10 +182,11 @@ class Onset:
             way.closing[way.open & (way.closing < 1)] for way in self._with_friction
         ])  # fmt: skip
         first = self._comm.allreduce(float(parts.min(initial=1.0)), op=MPI.MIN)
-        times = first + (1 - first) * np.arange(1, NUM_TIMES + 1) / NUM_TIMES
+        num_times = 64  # that are distinguished
+        times = first + (1 - first) * np.arange(1, num_times + 1) / num_times
         by_then = np.array([np.count_nonzero(parts <= time) for time in times], dtype=np.int64)
         self._comm.Allreduce(MPI.IN_PLACE, by_then, op=MPI.SUM)
-        i = min(int(np.searchsorted(by_then, many)), NUM_TIMES - 1)
+        i = min(int(np.searchsorted(by_then, many)), num_times - 1)
         return float(times[i]), int(by_then[i]), int(by_then[-1] - by_then[i])
 
     def _sum(self, counts: typing.Iterable[int]) -> int:

@@ -74,8 +74,9 @@ _counter = itertools.count()
 told: set[str] = set()
 
 
-#: Most times that a step is solved again because slip rates, or the positions from which slip
-#: counts, differ from those that friction has assumed.
+#: Largest number of times that a step is solved again because slip rates, or the positions from
+#: which slip counts, differ from those that friction has assumed. With 0, the first step with slip
+#: has the wrong rate.
 MAX_RATES = 4
 
 

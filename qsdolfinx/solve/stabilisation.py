@@ -7,8 +7,10 @@ import warnings
 
 from qsdolfinx.base.checks import POSITIVE, check, either
 
-#: Stiffness of springs that vanish with the residual. With this value, rings between plates take
-#: fewest iterations; an O-ring takes as many as without springs.
+#: Stiffness of springs that vanish with the residual, over the diagonal of a body's matrix: those
+#: that users ask for, and those of bodies that some conditions hold, if these and the active
+#: constraints leave a rigid motion free. With this value, rings between plates take fewest
+#: iterations; an O-ring takes as many as without springs.
 VANISHING = 1e-3
 
 

@@ -12,14 +12,12 @@ import numpy.typing as npt
 from qsdolfinx.contact import motion
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
+from qsdolfinx.solve.first_guess import BALANCED
 from qsdolfinx.solve.foundation import Foundation, Springs
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.system import ContactSystem
 
 Array = npt.NDArray[np.float64]
-
-#: Tools are first moved into contact if contact leaves more than this part of the force unbalanced.
-NEAR = 0.5
 
 
 class Pressed(typing.NamedTuple):
@@ -117,7 +115,7 @@ class ToolBalance:
 
         Contacts must have been evaluated.
         """
-        far = self._imbalance() / self._force > NEAR
+        far = self._imbalance() / self._force > BALANCED
         steps = [self._settle(i) if far[i] else 0.0 for i in range(len(self.tools))]
         self._move(np.array(steps))
 

@@ -23,7 +23,8 @@ UNSUPPORTED = "body that turns freely"
 #: that tilts until it is supported stays below, or opens gaps: ``tests/solve/test_unsupported.py``.
 NOTICED = 0.02
 
-#: Part of a rigid motion that changes gaps, below which the motion is along the surfaces.
+#: Part of a rigid motion that changes gaps, below which the motion is along the surfaces. With
+#: more, rotations that contact resists would give a warning.
 ALONG = 0.1
 
 

@@ -24,18 +24,20 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
-#: Distance along a surface, in facets, between the positions of contact detection and the solution,
-#: above which the contact pairs are updated again in the step; the second value is for
-#: velocity-based bodies.
+#: Distance along a surface, over the size of a facet, between the positions of contact detection
+#: and the solution, above which the contact pairs are updated again in the step: with more, points
+#: act at earlier positions of the other surface. The second value is for velocity-based bodies,
+#: whose steps are longer.
 FAR, FAR_FLOWING = 0.05, 0.25
 
 #: Rotation (radians) of facets since contact detection, above which the contact pairs are updated
-#: again, too: ``tests/steps/test_large_steps.py``, blocks that turn together.
+#: again, too: forces have the same relative error. With more, blocks that turn together gain a
+#: moment: ``tests/steps/test_large_steps.py``.
 FAR_TURNED = 0.02
 
 #: Spurious traction of a tie from gaps that rotate by small rotations, over the largest traction,
-#: above which the gaps are computed again from the position of the solution:
-#: ``tests/steps/test_ties.py``.
+#: above which the gaps are computed again from the position of the solution. With more, tied
+#: surfaces drift apart: ``tests/steps/test_ties.py``.
 TURNED = 0.01
 
 

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import typing
 
+from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact import depth
 from qsdolfinx.contact.contact import Contact
 from qsdolfinx.contact.crossing import deepest_crossing, motion_since
 from qsdolfinx.contact.passed import find_passed
 from qsdolfinx.contact.placement import Placement
-from qsdolfinx.contact.reach import NOTICED, reach
+from qsdolfinx.contact.reach import reach
+from qsdolfinx.pairing.ahead import DEEPEST
 from qsdolfinx.surface.deformed import DegenerateFacetsError
-
-#: Depth, in units of the largest facet, above which a step is rejected by default.
-AUTOMATIC = 0.5
-
-#: Motion in a step above which points are tracked, in units of the largest motion that brings no
-#: point in from beyond the contact pairs.
-FOLLOWED = 0.5
 
 
 class Penetration:
@@ -73,7 +68,8 @@ class Penetration:
         if passed is not None:
             return f"{passed} has passed through a part of the other surface"
         moved = motion_since(model, start)
-        seen = moved <= FOLLOWED * reach(model)
+        # Half of the motion that brings no point in from beyond the contact pairs.
+        seen = moved <= 0.5 * reach(model)
         if self.limit == "auto" and seen and known is not None and known + moved <= limit:
             self._new[i] = known + moved
             return None
@@ -97,4 +93,4 @@ class Penetration:
     def _limit(self, contact: Contact) -> float:
         if isinstance(self.limit, float):
             return self.limit
-        return AUTOMATIC * contact.model.settings.largest_facet
+        return DEEPEST * contact.model.settings.largest_facet

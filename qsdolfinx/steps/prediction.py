@@ -17,9 +17,10 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
-#: Part below which a step begins at the end of the last step: solvers leave residuals of some 1e-9
-#: of the forces. No unit; tests/steps/test_prediction.py.
-NONE = 1e-3
+#: Part of the motion of a step that counts as nothing: a prediction by less begins at the end of
+#: the last step, and an error of less does not swing. Solvers leave residuals of some 1e-9 of the
+#: forces, so that it must not be as small as that.
+NOTHING = 1e-3
 
 
 def part_of_rates(
@@ -60,7 +61,7 @@ def part_of_rates(
         return 1.0
     of_tools = [_part_of_tool(tool, rate, dt) for tool, rate in zip(tools, tool_rates, strict=True)]
     part = max([_part_of_bodies(problem, rates, dt), *of_tools])
-    return part if part > NONE else 0.0
+    return part if part > NOTHING else 0.0
 
 
 def _part_of_tool(tool: RigidSurface, rate: ToolRate, dt: float) -> float:

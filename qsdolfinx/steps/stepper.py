@@ -49,7 +49,9 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
 
-#: Most updates of the contact pairs in a step in addition to the requested ones.
+#: Largest number of updates of the contact pairs in a step in addition to the requested ones. With
+#: 0, points slide on from the partners of the start of the step; more than some do not change the
+#: pairs.
 MORE_PAIRINGS = 3
 
 GROWTH = number("a number of at least 1", lambda x: x >= 1)

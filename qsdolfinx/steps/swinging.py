@@ -20,13 +20,11 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.steps.mesh_motion import MeshMotion
+from qsdolfinx.steps.prediction import NOTHING
 
 Array = npt.NDArray[np.float64]
-
-#: Smallest part of a step's motion that counts; smallest part in the step before that is above
-#: rounding level; largest cosine between errors that have changed their sign.
-NOTICED, NO_ROUNDING, TURNED = 1e-3, 1e-8, -0.5
 
 
 def swings(
@@ -50,6 +48,6 @@ def swings(
         products += np.sum(a * b), np.sum(a * a), np.sum(b * b), np.sum(c * c)
     motions[0].mesh.comm.Allreduce(MPI.IN_PLACE, products, op=MPI.SUM)
     both, now_, last_, way_ = products
-    if not (now_ > NOTICED**2 * way_ and last_ > NO_ROUNDING**2 * way_):
+    if not (now_ > NOTHING**2 * way_ and last_ > SOLVED**2 * way_):
         return False
-    return bool(both < TURNED * np.sqrt(now_ * last_))
+    return bool(both < -0.5 * np.sqrt(now_ * last_))

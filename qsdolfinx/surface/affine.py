@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.surface.surface import Coordinates, Surface
+from qsdolfinx.surface.unknowns import EDGES
 
 Array = npt.NDArray[np.float64]
-
-#: Edges of facets, by the number of vertices, in the order of a trace's nodes.
-EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
 
 class Affine(typing.NamedTuple):

@@ -17,6 +17,11 @@ from qsdolfinx.surface.unknowns import block_of, dofs_at, facet_places, layout_p
 
 Array = npt.NDArray[np.float64]
 
+#: Least angle (radians) between the normals of neighbouring facets at a sharp edge, as in
+#: cpp/surface/curvature.h. Smooth surfaces with twelve and more facets around turn by less; with a
+#: much larger angle, the points of facets beside a sharp edge would see its normals averaged.
+SHARP = np.pi / 6
+
 
 class FacetLayout(typing.NamedTuple):
     """This rank's facets, their vertices and trace in reference order.

@@ -20,9 +20,6 @@ from qsdolfinx.surface.arguments import is_of
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
-#: Number of bisection steps in the search for a cut.
-_HALVINGS = 60
-
 #: Part of the coordinates that is added to distinguish cells of the same layer.
 _SKEW = 1e-6 / np.pi ** np.arange(3)
 
@@ -139,7 +136,7 @@ def _cuts(
     wanted = total * np.maximum(middles - np.arange(size), 0) / ranks
     low: Array = np.full(size, comm.allreduce(value.min(initial=np.inf), op=MPI.MIN))
     high: Array = np.full(size, comm.allreduce(value.max(initial=-np.inf), op=MPI.MAX))
-    for _ in range(_HALVINGS):
+    for _ in range(np.finfo(np.float64).nmant + 8):  # to rounding of the range of values
         cut = (low + high) / 2
         local = np.bincount(first[value <= cut[first]], minlength=size)
         below = comm.allreduce(local, op=MPI.SUM) >= wanted

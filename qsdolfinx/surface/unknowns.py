@@ -12,10 +12,19 @@ from dolfinx import fem, mesh
 
 from qsdolfinx.compat import cell_nodes, coordinate_element, num_entity_dofs
 
-_QUADRILATERAL_EDGES = [(0, 1), (0, 2), (1, 3), (2, 3)]
-
 Indices = npt.NDArray[np.int32]
 
+#: Edges of facets, by the number of vertices, in the order of a trace's nodes.
+EDGES = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
+#: Reference coordinates of the vertices of facets, by their number of vertices.
+CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
+
+#: Number of vertices of cells.
 NUM_CELL_VERTICES = {
     mesh.CellType.triangle: 3,
     mesh.CellType.quadrilateral: 4,
@@ -106,7 +115,7 @@ def layout_places(layout: typing.Any, msh: mesh.Mesh, degree: int) -> Indices:
         nodes = [layout.entity_dofs(0, v)[0] for v in vertices]
         if degree == 2:
             if tdim == 3:
-                pairs = [(0, 1), (0, 2), (1, 2)] if len(vertices) == 3 else _QUADRILATERAL_EDGES
+                pairs = EDGES[len(vertices)]
                 edges = [tuple(sorted((vertices[a], vertices[b]))) for a, b in pairs]
                 numbers = {tuple(sorted(e)): i for i, e in enumerate(topology[1])}
                 nodes += [layout.entity_dofs(1, numbers[edge])[0] for edge in edges]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
@@ -17,23 +18,16 @@ from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.normal_rows import Normal, Scales
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL, Normal, Scales
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Part of the diagonal subtracted in the inexact derivative at points, as compliance: where smooth
-#: patches of a node are pressed flat, or many edges meet a facet, there are more multipliers than
-#: motions. The first is the largest, used far from a solution, where almost redundant multipliers
-#: would be huge. The second is the smallest, used near a solution.
-PROXIMAL, LEAST_PROXIMAL = 1e-5, 1e-10
-
-#: Part of the functions at a vertex of a tool that belongs to nodes held on both sides, from which
-#: on no multiplier can close its gap.
-ALL_HELD = 1 - 1e-6
-
-#: Active part of the covered support of a node above which points beside it start active.
-MOST = 0.5
+#: Part of the diagonal subtracted in the inexact derivative at points, as compliance, far from a
+#: solution: where smooth patches of a node are pressed flat, or many edges meet a facet, there are
+#: more multipliers than motions, and almost redundant multipliers would be huge. Near a solution it
+#: is LEAST_PROXIMAL; a larger compliance takes more iterations.
+PROXIMAL = 1e-5
 
 
 class CondensedRows:
@@ -232,7 +226,7 @@ class PointConstraints(CondensedRows):
         Args:
             own: Multipliers of the vertices.
         """
-        return np.asarray(self._held_part(own) < ALL_HELD)
+        return np.asarray(self._held_part(own) < 1 - SOLVED)
 
     def _held_part(self, own: OwnRows) -> Array:
         """Part of the functions at a tool's vertices of nodes held on both sides. Collective.
@@ -381,7 +375,8 @@ class PointConstraints(CondensedRows):
         known = self.gap.state.closed
         if known is None:
             return active
-        active = active | (self._points.from_sides(known) > MOST)
+        # Points start active where most of the covered support of the nodes beside them is active.
+        active = active | (self._points.from_sides(known) > 0.5)
         none = self._points.sums(active.astype(np.float64)) <= 0
         lost = (known > 0) & none & self._points.covered
         if not self.model.comm.allreduce(bool(lost.any()), op=MPI.LOR):

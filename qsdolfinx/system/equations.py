@@ -28,7 +28,9 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-#: Residual over contact forces above which unknowns do not count as a solution.
+#: Residual over contact forces above which unknowns do not count as a solution, and a foundation
+#: not as balanced. Solvers of users end with less; a larger one would be seen in the forces of the
+#: next step.
 UNBALANCED = 1e-3
 
 

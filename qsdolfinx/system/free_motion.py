@@ -21,7 +21,8 @@ from qsdolfinx.system.tangent import Tangent
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Value added to the diagonal of the tangent, relative to its mean.
+#: Value added to the diagonal of the tangent, relative to its mean. Results do not depend on it;
+#: with less than 1e-14, the matrix would stay singular: ``tests/system/test_hold.py``.
 SHIFT = 1e-9
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.base.collective import collective_errors
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
@@ -15,9 +16,8 @@ from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Changes, MovingFunctions
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
-from qsdolfinx.system.condensed_rows import ALL_HELD, LEAST_PROXIMAL
 from qsdolfinx.system.friction_rows import Tangential
-from qsdolfinx.system.normal_rows import Normal, Scales
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL, Normal, Scales
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -25,10 +25,6 @@ Flags = npt.NDArray[np.bool_]
 #: Slip of a first guess, as a part of a facet, above which it counts as due to the guess. A smaller
 #: slip is corrected by the next iteration.
 GUESSED = 0.1
-
-#: Part of the active points that slipped in the last step above which bodies slide as a whole:
-#: ``tests/sliding/test_points.py``.
-AS_A_WHOLE = 0.5
 
 
 class PointFriction:
@@ -107,7 +103,7 @@ class PointFriction:
                 none = np.zeros((len(self._points.cover), self._gdim))
                 flags = none if held is None else held.components.astype(np.float64)
                 of_points = [self._points.from_nodes(flags[:, k]) for k in range(self._gdim)]
-                free[:, 0] &= own.from_rows(np.column_stack(of_points)) < ALL_HELD
+                free[:, 0] &= own.from_rows(np.column_stack(of_points)) < 1 - SOLVED
             return free
         covered = self._points.covered
         shape = *covered.shape, self._gdim
@@ -235,7 +231,7 @@ class PointFriction:
         """
         counts = np.array([np.count_nonzero(slipped & active), np.count_nonzero(active)])
         self.model.comm.Allreduce(MPI.IN_PLACE, counts, op=MPI.SUM)
-        return slipped if counts[0] >= AS_A_WHOLE * counts[1] else None
+        return slipped if counts[0] >= 0.5 * counts[1] else None
 
     def _has_moved(self, told: Rows) -> Flags:
         """Points that a guess moves far, and by more than friction can resist, (points,).

@@ -17,9 +17,6 @@ from qsdolfinx.system.normal_rows import Normal, Scales
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
-#: Factor c_t over the automatic penalty of the constraints.
-C_TANGENTIAL = 1.0
-
 
 class Tangential(typing.NamedTuple):
     """Constraints of τ at given unknowns.
@@ -90,7 +87,7 @@ class FrictionRows:
     def __init__(self, model: ContactModel, slip: Slip) -> None:
         self.model, self.slip = model, slip
         self.scales = Scales.of(model, model.tangential_eps * slip.gap.relative_penalty)
-        self._c: Array = C_TANGENTIAL * self.scales.usual * self.scales.penalty
+        self._c: Array = self.scales.usual * self.scales.penalty
         #: Whether constraints may be on the edge of contact.
         self._fills = slip.friction.jumps and slip.friction.is_bounded
 

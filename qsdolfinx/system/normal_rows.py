@@ -8,20 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel
+from qsdolfinx.friction.filled import OF_PRESSURE
 from qsdolfinx.gap.weighted_gap import WeightedGap
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
-#: Factor c_n over the automatic penalty of the constraints (5 E/h). With small sliding it has no
-#: influence over eight decades; where contact pairs change, values from 0.1 to 1 sometimes fail.
-C_NORMAL = 1e-2
-
-#: Compliance of active constraints in the inexact derivative, over that of the penalty. With it,
-#: redundant multipliers get the smallest change, such as those of a node in two contacts with one
-#: plane.
-PROXIMAL = 1e-10
+#: Compliance of active constraints in the inexact derivative, over that of the stiffest body. With
+#: it, redundant multipliers get the smallest change, such as those of a node in two contacts with
+#: one plane; with much more, the last iterations converge slowly.
+LEAST_PROXIMAL = 1e-10
 
 #: Limits of penalty over the stiffness of the bodies for the factors. Above the first, factors use
 #: the first limit times this stiffness in place of the penalty. With an augmented Lagrangian, they
@@ -96,7 +93,7 @@ class Scales(typing.NamedTuple):
         compliance: Array = np.full_like(penalty, 0.0 if exact else np.inf)
         if not exact:  # a conductance may be 0
             np.divide(1.0, penalty, out=compliance, where=penalty > 0)
-        proximal: Array = np.asarray(exact * PROXIMAL / of_bodies)
+        proximal: Array = np.asarray(exact * LEAST_PROXIMAL / of_bodies)
         return cls(penalty, usual, soft, of_bodies, compliance, proximal)
 
     @property
@@ -179,7 +176,7 @@ class NodalRows:
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         self.model, self.gap = model, gap
         self.scales = Scales.of(model, model.eps * gap.relative_penalty)
-        self._c: Array = C_NORMAL * self.scales.usual * self.scales.penalty
+        self._c: Array = 1 / OF_PRESSURE * self.scales.usual * self.scales.penalty
 
     @property
     def _width(self) -> int:

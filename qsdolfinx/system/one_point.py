@@ -14,9 +14,6 @@ import numpy as np
 import ufl
 from ufl.algorithms import compute_form_data
 
-#: Degree up to which a rule has one point.
-_ONE_POINT = 1
-
 
 def mixes_one_point(form: ufl.Form) -> bool:
     """Whether integrals over the same cells or facets combine one-point rules with others."""
@@ -41,7 +38,8 @@ def _mixes(integrals: list[ufl.Integral]) -> bool:
     found = [each.metadata() for each in integrals]
     rules = {(_degree(m), str(m.get("quadrature_rule", "default"))) for m in found}
     degrees = [degree for degree, _ in rules]
-    return len(rules) > 1 and (min(degrees) <= _ONE_POINT or len(set(degrees)) < len(degrees))
+    # Rules of degree 0 and 1 have one point.
+    return len(rules) > 1 and (min(degrees) <= 1 or len(set(degrees)) < len(degrees))
 
 
 def _degree(metadata: dict[str, typing.Any]) -> int:

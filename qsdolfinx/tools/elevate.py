@@ -18,20 +18,14 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import check, instance, require
 from qsdolfinx.base.collective import checked, collective_errors
 from qsdolfinx.compat import cell_nodes, coordinate_element, mesh_of_nodes
-from qsdolfinx.surface.affine import EDGES
-from qsdolfinx.surface.facets import in_cells
+from qsdolfinx.surface.facets import SHARP, in_cells
 from qsdolfinx.surface.surface import Surface
-from qsdolfinx.surface.unknowns import facet_places
+from qsdolfinx.surface.unknowns import EDGES, facet_places
 from qsdolfinx.tools.heights import check_near
 from qsdolfinx.tools.smooth import Smooth
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
-
-#: Cosine of the angle (30°) above which facets meet in a sharp edge, whose position both facets
-#: determine; as in cpp/surface/curvature.h: ``tests/tools/test_elevate.py``, creases and what is
-#: flat.
-CREASE = float(np.cos(np.pi / 6))
 
 
 def elevate(
@@ -173,7 +167,7 @@ class _Nodes:
         own = squares[nodes].reshape(*nodes.shape, 3, 3)
         size = np.trace(own, axis1=2, axis2=3)
         along = np.einsum("fi,feij,fj->fe", normal, own, normal)
-        crease = (size > 0) & (along < CREASE**2 * size)
+        crease = (size > 0) & (along < np.cos(SHARP) ** 2 * size)
         square = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 1, 9)
         return self._summed(nodes.ravel(), (crease[..., None] * square).reshape(-1, 9))
 
@@ -287,7 +281,8 @@ def _raised(squares: Array, heights: Array) -> Array:
     """
     values, vectors = np.linalg.eigh(squares)
     # For two unit normals at an angle α, the eigenvalues are 1 + cos α, 1 − cos α and 0.
-    large = (1 + CREASE) * values > (1 - CREASE) * values[:, -1:]
+    crease = np.cos(SHARP)
+    large = (1 + crease) * values > (1 - crease) * values[:, -1:]
     inverse = np.where(large, 1 / np.where(large, values, 1.0), 0.0)
     along = np.einsum("eik,ei->ek", vectors, heights)
     return np.asarray(np.einsum("eik,ek->ei", vectors, inverse * along))

@@ -10,13 +10,16 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.rounding import SINGLE
+from qsdolfinx.surface.unknowns import EDGES
 from qsdolfinx.tools.shapes import Shape
 
 Array = npt.NDArray[np.float64]
 
-#: Largest distance of vertices from a shape, over the chord error.
+#: Largest distance of vertices from a shape, over the chord error. With more, corrections would be
+#: those of another shape.
 OFF = 0.1
-#: Largest chord error, in facet sizes: an arc of 60°.
+#: Largest chord error, over the size of a facet: an arc of 60°. With more, heights above a facet
+#: are not those of a neighbourhood.
 COARSEST = 0.14
 
 
@@ -83,9 +86,8 @@ def check_near(
 
 def _between_vertices(values: Array, corners: int) -> Array:
     """The linear or bilinear function with the same values at the vertices, at all nodes."""
-    edges = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}[corners]
     columns = [values[:, i] for i in range(corners)]
-    columns += [(values[:, a] + values[:, b]) / 2 for a, b in edges]
+    columns += [(values[:, a] + values[:, b]) / 2 for a, b in EDGES[corners]]
     if corners == 4:
         columns.append(values[:, :4].mean(axis=1))
     return np.stack(columns, axis=1)

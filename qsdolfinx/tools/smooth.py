@@ -293,8 +293,8 @@ class _Cloud:
         return np.asarray(self.comm.bcast(best))
 
 
-#: Most iterations of the Gauss-Newton method, which ends when the sum of squares no longer
-#: decreases.
+#: Largest number of iterations of the Gauss-Newton method, which ends when the sum of squares no
+#: longer decreases. With few, shapes are not those of the vertices.
 ITERATIONS = 30
 
 

@@ -99,7 +99,8 @@ def test_points_resist(gdim):
 @pytest.mark.parametrize("slope, depth", ((0.0, 0.04), (0.05, 0.02), (1.0, 0.005)))
 def test_nothing_to_warn_of(slope, depth, penalty):
     """No warning for flat tools with a soft penalty, for blunt edges and for shallow edges."""
-    assert Edge(2, slope, penalty=penalty).pressed(depth)[1] == []
+    scene = Edge(2, slope, penalty=penalty, enforcement="penalty")
+    assert scene.pressed(depth)[1] == []
 
 
 def test_time_steps_warn_as_well():

@@ -7,7 +7,7 @@ import pytest
 from scenes import CELLS, WORLD, box, plane, vector_space
 
 import qsdolfinx as qs
-from qsdolfinx.pairing.distance import of_points
+from qsdolfinx.pairing.distance import of_points, on_facets
 
 RADIUS, SLOPE = 0.2, 0.8
 MASTERS = ("body", "facets", "analytic")
@@ -88,3 +88,11 @@ def test_points_beside_a_corner(distance):
     found = of_points(distance * away, -away, own, corner.cpp_object, 0.5)
     np.testing.assert_allclose(found.depth, -distance, rtol=1e-12)
     assert not found.beside.any()
+
+
+def test_several_points_of_a_facet():
+    """A facet is deepest beside its middle if an edge cuts into it: it has a few points."""
+    msh = box(WORLD, (2, 2), "quadrilateral", [-1.0, -1.0], [0.0, 0.0])
+    surface = qs.Surface(vector_space(msh), facets=plane(msh, 1, 0.0))
+    points = on_facets(surface.cpp_object, 2)
+    assert 2 * len(surface.facets) <= points.size <= 4 * len(surface.facets)

@@ -1,5 +1,7 @@
 """Values on contact surfaces: integrals that the overlay of old and new facets preserves."""
 
+import types
+
 import numpy as np
 import pytest
 from forming_bodies import quarter_cylinder
@@ -9,6 +11,7 @@ from scenes import WORLD, Pair, drag_top, gathered, plane, vector_space
 from dolfinx import mesh
 
 import qsdolfinx as qs
+from qsdolfinx.remeshing import contact_values
 from qsdolfinx.remeshing.contact_values import ContactValues
 from qsdolfinx.remeshing.surface_values import SurfaceValues
 
@@ -91,3 +94,19 @@ def test_multipliers_do_not_depend_on_the_partition(constraints):
         found.append(values[np.argsort(x[:, 0])])
     assert np.abs(found[0]).max() > 0.01
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("factor, expected", ((1.2, 1.2), (0.8, 0.8), (5.0, 1.0)))
+def test_moderate_corrections(monkeypatch, factor, expected):
+    """Multipliers are scaled to their integral, unless that is one over another area."""
+    for name in ("of_nodes", "of_contact"):
+        monkeypatch.setattr(contact_values.memory, name, lambda model: [])
+    monkeypatch.setattr(contact_values.multipliers, "turn", lambda parts: None)
+    gap = types.SimpleNamespace(
+        multiplier_weight=np.ones((4, 1)),
+        state=types.SimpleNamespace(augmented=np.ones((4, 1))),
+        slave=types.SimpleNamespace(comm=WORLD),
+    )
+    total = np.array([4.0 * WORLD.size * factor])
+    ContactValues({}, {}, [total]).hand_over(types.SimpleNamespace(gaps=[gap], parts=[gap]))
+    np.testing.assert_allclose(gap.state.augmented, expected)

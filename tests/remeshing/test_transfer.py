@@ -9,7 +9,7 @@ from scenes import WORLD
 
 import basix.ufl
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem, la, mesh
 
 import qsdolfinx as qs
 
@@ -197,3 +197,19 @@ def test_cells_on_any_number_of_ranks():
         rows = np.concatenate(comm.allgather(np.column_stack([middle, out.x.array[:count]])))
         found.append(rows[np.lexsort(np.round(rows[:, :3], 9).T)])
     np.testing.assert_allclose(found[1], found[0], atol=1e-11)
+
+
+def test_large_cells_have_the_means_of_small_ones():
+    """One value in the middle of each large cell would be wrong where the function is curved."""
+    old = mesh.create_unit_square(WORLD, 32, 32)
+    new = mesh.create_unit_square(WORLD, 2, 2)
+    f = fem.Function(fem.functionspace(old, ("DG", 0)))
+    f.interpolate(lambda x: x[0] ** 3)
+    V = fem.functionspace(new, ("DG", 0))
+    found = qs.transfer(f, V).x.array[: V.dofmap.index_map.size_local]
+    x, v = ufl.SpatialCoordinate(new), ufl.TestFunction(V)
+    sums = [fem.assemble_vector(fem.form(g * v * ufl.dx(degree=3))) for g in (x[0] ** 3, 1.0)]
+    for each in sums:
+        each.scatter_reverse(la.InsertMode.add)
+    mean = (sums[0].array / sums[1].array)[: len(found)]
+    np.testing.assert_allclose(found, mean, atol=5e-3)

@@ -58,6 +58,20 @@ def test_rounding_does_not_end_other_solves():
 
 
 @pytest.mark.parametrize(
+    "size, undeformed, flown",
+    ((1e-6, True, False), (1e-2, False, False), (1e3, False, False), (1e9, False, True)),
+)
+def test_sizes_of_displacements(size, undeformed, flown):
+    """Bodies are as they were made, deformed, or far away, in units of their cells."""
+    problem = Punch(Variant(), n=((4, 2), (3, 2))).problem()
+    problem.set_up()
+    problem.system.x.array[:] = 0.2 * size
+    problem.system.residual(problem.system.x.array_r)
+    measures, _ = problem.newton.measure()
+    assert np.all(measures.undeformed == undeformed) and np.all(measures.flown == flown)
+
+
+@pytest.mark.parametrize(
     "least, rounding, undeformed, flown, rests, raised",
     [
         (1.0, 1e-9, False, False, False, True),  # small next to the forces
