@@ -53,12 +53,17 @@ class SharpNodes(typing.NamedTuple):
         return cls(sharp_nodes(surface), float(whole[0] / max(whole[1], 1.0)))
 
 
-def sharp_nodes(surface: Faceted) -> Flags:
-    """Owned nodes whose facet normals differ by more than about 30°. Collective."""
+def sharp_nodes(surface: Faceted, smooth: float = SMOOTH) -> Flags:
+    """Owned nodes whose facet normals differ by more than about 30°. Collective.
+
+    Args:
+        surface: The surface.
+        smooth: Cosine of half of another angle than 30°.
+    """
     normals = normals_at_vertices(surface).reshape(-1, 3)
     ones = np.ones(len(normals))
     total = np.array([sums(surface, values) for values in (*normals.T, ones)])
-    return np.asarray(np.linalg.norm(total[:3], axis=0) < SMOOTH * total[3])
+    return np.asarray(np.linalg.norm(total[:3], axis=0) < smooth * total[3])
 
 
 def normals_at_vertices(surface: Faceted) -> Array:
