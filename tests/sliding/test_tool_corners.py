@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, plane, vector_space
+from scenes import WORLD, box, plane
 
 import ufl
 from dolfinx import fem
@@ -37,7 +37,7 @@ class Pressed:
     def __init__(self, corners, n=8, degree=1, middle=0.0, **options):
         self.size = 2 / n
         msh = box(WORLD, (n, n // 2), "quadrilateral", [-1.0, -1.0], [1.0, 0.0])
-        V = vector_space(msh, degree)
+        V = fem.functionspace(msh, ("Lagrange", degree, (2,)))
         self.u = fem.Function(V)
         stress = qs.materials.linear_elastic(self.u, 1e3, 0.3)
         strain = ufl.sym(ufl.grad(self.u))
