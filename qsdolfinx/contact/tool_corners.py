@@ -110,6 +110,8 @@ def find_deep_tool_corners(model: ContactModel) -> str | None:
     if not master.tools or model.compliance <= 0:
         return None
     which = sharp_nodes(master.as_facets(), CORNER)
+    if not model.comm.allreduce(bool(which.any()), op=MPI.LOR):
+        return None
     try:
         moved = now.master.facets(), now.slave.facets()
     except DegenerateFacetsError:  # such facets have no distances
