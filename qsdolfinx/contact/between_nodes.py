@@ -53,7 +53,7 @@ def find_deep_between_nodes(model: ContactModel) -> str | None:
     weighted = results.mean_penetration(model)
     found: list[tuple[float, float, tuple[float, ...]]] = []
     for gap in model.of_sides:
-        points, size = depths_of_points(model, gap), _facet_sizes(model, gap)
+        points, size = depths_of_points(model, gap), sizes_at_points(model, gap)
         limits = np.maximum(BETWEEN * size + model.overclosure.allowed, UNEVEN * weighted)
         beyond = points.depth - limits
         if len(beyond) and beyond.max() > 0:
@@ -120,8 +120,8 @@ def find_deep_corners(model: ContactModel) -> str | None:
     )
 
 
-def _facet_sizes(model: ContactModel, gap: WeightedGap) -> Array:
-    """Size (length) of the slave's facets at the points of ``depths_of_points``. Collective."""
+def sizes_at_points(model: ContactModel, gap: WeightedGap) -> Array:
+    """Size (length) of the slave's facets at the points of a gap. Collective."""
     if gap.following is not None and gap.cut is not None:
         return gap.following.facet_sizes(gap.cut)
     slave = gap.slave

@@ -15,14 +15,16 @@ Array = npt.NDArray[np.float64]
 #: of 2 times the size of a facet.
 OPENINGS = 2.0 ** np.arange(-20.0, 20.0, 0.25)
 
-#: Multiplier over its largest value below which a law has ended.
+#: Multiplier over its largest value below which a law has ended: with much less, the tail of an
+#: exponential law would never end; with more, a part of its work is lost.
 ENDED = 1e-3
 
-#: Gaps at which signs are checked, in units of the size of a facet, and relative change of the gap
-#: for differences of the multiplier.
+#: Gaps at which signs are checked, in units of the size of a facet; and relative change of the gap
+#: for differences of the multiplier: with less, rounding is seen, with more, the curvature of laws.
 GAPS, DIFFERENCE = 2.0 ** np.arange(-12.0, 0.0), 1e-6
 
-#: Factor by which a slope may differ from both difference and secant of the multiplier.
+#: Factor by which a slope may differ from both difference and secant of the multiplier: kinks of
+#: legal laws cause less than 2, a forgotten factor or sign causes more.
 ALIKE = 2.0
 
 

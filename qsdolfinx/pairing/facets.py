@@ -51,11 +51,21 @@ class SharpNodes(typing.NamedTuple):
 
 
 def sharp_nodes(surface: Faceted) -> Flags:
-    """Owned nodes whose facet normals differ by more than about 30°. Collective."""
+    """Owned nodes whose facet normals differ by more than about SHARP. Collective."""
+    return corner_nodes(surface, SHARP)
+
+
+def corner_nodes(surface: Faceted, angle: float) -> Flags:
+    """Owned nodes whose facet normals differ by more than about an angle. Collective.
+
+    Args:
+        surface: The surface.
+        angle: The angle (radians), exact if there are two normals.
+    """
     normals = normals_at_vertices(surface).reshape(-1, 3)
     ones = np.ones(len(normals))
     total = np.array([sums(surface, values) for values in (*normals.T, ones)])
-    return np.asarray(np.linalg.norm(total[:3], axis=0) < np.cos(SHARP / 2) * total[3])
+    return np.asarray(np.linalg.norm(total[:3], axis=0) < np.cos(angle / 2) * total[3])
 
 
 def normals_at_vertices(surface: Faceted) -> Array:
