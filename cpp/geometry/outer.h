@@ -10,10 +10,10 @@ namespace qsdolfinx
 
 /// Add Σ_p f_p l_pᵀ r_p to a matrix, symmetric to the last bit where l is r.
 /// @param left, right rows [p][n] and [p][m] @param factor f_p, [p], or empty if all are 1
-/// @param out [n][m]
+/// @param out [n][stride], of which the first m columns are used @param stride m if it is 0
 inline void add_outer_products(std::span<const double> left, std::span<const double> right,
                                std::span<const double> factor, std::size_t n, std::size_t m,
-                               double* out)
+                               double* out, std::size_t stride = 0)
 {
   constexpr std::size_t tile = 8; // columns whose sums stay in registers
   const std::size_t count = n > 0 ? left.size() / n : 0;
@@ -25,7 +25,7 @@ inline void add_outer_products(std::span<const double> left, std::span<const dou
       for (std::size_t j = 0; j < width; ++j)
         sum[j] += product(p, *l * r[j]);
     for (std::size_t j = 0; j < width; ++j)
-      out[i * m + first + j] += sum[j];
+      out[i * (stride > 0 ? stride : m) + first + j] += sum[j];
   };
   const auto add_all = [&](auto product)
   {

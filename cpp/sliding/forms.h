@@ -215,6 +215,13 @@ struct Ray
     return row;
   }
 
+  /// Add the form c·v.
+  void add_form(const Columns& columns, const Normal& normal, const Vec3& c, double* row) const
+  {
+    add_to(columns, c, row);
+    normal.add_to(t * c, row + 3 * columns.along);
+  }
+
   std::array<double, max_trace> T, M;
   std::array<Vec2, max_trace> dM;
   std::array<Vec3, 2> a;
@@ -256,17 +263,16 @@ public:
     return -1 * (dot(A, da[alpha][0]) * ray.A.zeta[0] + dot(A, da[alpha][1]) * ray.A.zeta[1]);
   }
 
-  /// Derivative of the form c·v by ξ_α. @param dc derivative of c
-  Row form(const Vec3& c, const Vec3& dc, int alpha) const
+  /// Add the derivative of the form c·v by ξ_α. @param dc derivative of c
+  void add_form(const Vec3& c, const Vec3& dc, int alpha, double* row) const
   {
-    Row out = ray.form(columns_, normal_, dc);
+    ray.add_form(columns_, normal_, dc, row);
     for (int i = 0; i < columns_.num_cut; ++i)
-      add(&out[3 * (columns_.cut + i)], dT_[i][alpha], c);
+      add(row + 3 * (columns_.cut + i), dT_[i][alpha], c);
     for (int j = 0; j < columns_.num_other; ++j)
-      add(&out[3 * (columns_.other + j)],
+      add(row + 3 * (columns_.other + j),
           -ray.dM[j][0] * dzeta[alpha][0] - ray.dM[j][1] * dzeta[alpha][1], c);
-    normal_.add_to(dt[alpha] * c, &out[3 * columns_.along]);
-    return out;
+    normal_.add_to(dt[alpha] * c, row + 3 * columns_.along);
   }
 
   Ray ray;
