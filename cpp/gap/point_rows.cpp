@@ -1,5 +1,6 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
+#include "parallel/key_numbers.h"
 
 #include <algorithm>
 #include <array>
@@ -206,17 +207,30 @@ struct PieceColumns
   /// @param keys unknowns that represent the nodes, [piece][node] @param others further columns
   PieceColumns(const std::vector<std::int64_t>& keys, std::size_t nodes,
                std::span<const std::int64_t> others = {})
-      : num_nodes(nodes), key(keys), column(keys.size()), order(keys.size())
+      : num_nodes(nodes), column(keys.size()), order(keys.size())
   {
-    key.insert(key.end(), others.begin(), others.end());
+    KeyNumbers numbers;
+    const auto number_of = [&](std::int64_t k)
+    {
+      const std::int32_t out = numbers(k);
+      if (numbers.size() > key.size())
+        key.push_back(k);
+      return out;
+    };
+    std::ranges::transform(keys, column.begin(), number_of);
+    std::ranges::for_each(others, number_of);
+    const std::vector<std::int64_t> found = key;
     std::ranges::sort(key);
-    key.erase(std::ranges::unique(key).begin(), key.end());
-    std::ranges::transform(keys, column.begin(), [this](std::int64_t k) { return place(k); });
+    std::vector<std::int32_t> places(found.size());
+    std::ranges::transform(found, places.begin(), [this](std::int64_t k) { return place(k); });
+    for (std::int32_t& c : column)
+      c = places[c];
     for (std::size_t first = 0; first < keys.size(); first += nodes)
     {
       const auto of_piece = std::span(order).subspan(first, nodes);
       std::iota(of_piece.begin(), of_piece.end(), 0u);
-      std::ranges::stable_sort(of_piece, {}, [&](std::uint32_t j) { return column[first + j]; });
+      std::ranges::sort(of_piece, {},
+                        [&](std::uint32_t j) { return std::pair(column[first + j], j); });
     }
   }
 

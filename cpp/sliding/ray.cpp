@@ -157,7 +157,7 @@ public:
   void add_sums()
   {
     const auto n = static_cast<std::size_t>(n_);
-    add_outer_products(left_, right_, {}, n, n, half_.data());
+    add_outer_products(left_, right_, {}, n, n, half_.data(), n);
     const int first = 3 * columns_.along, count = 3 * normal_.num_vertices();
     Row area{};
     normal_.add_area(normal_.n(), &area[first]);

@@ -70,6 +70,8 @@ public:
   /// @param size length of a row of the matrix
   void add(std::span<const double> matrix, std::size_t size)
   {
+    if (rows_.is_all_of(size) && columns_.is_all_of(size))
+      return to_.sums.add(rows_.number, columns_.number, matrix);
     block_.resize(rows_.number.size() * columns_.number.size());
     double* to = block_.data();
     for (std::size_t r = 0; r < rows_.number.size(); ++r)
@@ -94,6 +96,14 @@ private:
       number.clear();
       at.clear();
       factor.clear();
+    }
+    /// Whether they are those of all rows, in their order and without factors.
+    bool is_all_of(std::size_t size) const
+    {
+      std::size_t i = 0;
+      while (i < number.size() && at[i] == i && factor[i] == 1)
+        ++i;
+      return i == size && i == number.size();
     }
   };
 
@@ -358,9 +368,10 @@ private:
   {
     for (std::size_t c = 0; c < m_; ++c)
     {
-      add_outer_products(of_nodes_[c].left, of_nodes_[c].right, {}, n_, size_, matrix_.data());
+      add_outer_products(of_nodes_[c].left, of_nodes_[c].right, {}, n_, size_, matrix_.data(),
+                         size_);
       add_outer_products(of_functions_[c].left, of_functions_[c].right, {}, nk_, size_,
-                         &matrix_[row_of(c, 0) * size_]);
+                         &matrix_[row_of(c, 0) * size_], size_);
       for (Rows* rows : {&of_nodes_[c], &of_functions_[c]})
       {
         rows->left.clear();
