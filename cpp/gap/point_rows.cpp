@@ -1,6 +1,7 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
 #include "parallel/key_numbers.h"
+#include "sliding/forms.h"
 
 #include <algorithm>
 #include <array>
@@ -364,7 +365,7 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
   {
     const auto points = pieces.points_of(i);
     values.resize(points.size() * nodes * 3);
-    gap_gradients(pair_of(pieces, i), points, values);
+    gap_gradients(Rays(pair_of(pieces, i), points), values);
     return std::span<const double>(values);
   };
 }
@@ -446,7 +447,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
       }
     const RayStart start{pair.cut_is_slave ? first : second, pair.cut_is_slave ? second : first};
     const std::size_t count = points.size();
-    slip_of_points(pair, start, points,
+    slip_of_points(Rays(pair, points), start,
                    {std::span(slip).subspan(3 * done, 3 * count),
                     std::span(normal).subspan(3 * done, 3 * count),
                     std::span(gradient).subspan(done * size, count * size),

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <span>
+#include <vector>
 
 namespace qsdolfinx::forms
 {
@@ -229,14 +230,38 @@ struct Ray
   double t, weight;
 };
 
-/// A ray, and the derivatives of its quantities by ξ.
+/// Number of coordinates on facets.
+inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
+} // namespace qsdolfinx::forms
+
+struct qsdolfinx::Rays
+{
+  Rays(const RayPair& facets, std::span<const RayPoint> starts)
+      : pair(facets), points(starts), normal(pair.along()), columns(pair)
+  {
+    all.reserve(points.size());
+    for (const RayPoint& point : points)
+      all.emplace_back(pair, normal, point);
+  }
+
+  RayPair pair;
+  std::span<const RayPoint> points;
+  forms::Normal normal; ///< along the rays
+  forms::Columns columns;
+  std::vector<forms::Ray> all; ///< [point]
+};
+
+namespace qsdolfinx::forms
+{
+/// Derivatives of the quantities of a ray by ξ.
 class RayByXi
 {
 public:
-  RayByXi(const RayPair& pair, const Normal& normal, const Columns& columns, const RayPoint& point)
-      : ray(pair, normal, point), pair_(pair), normal_(normal), columns_(columns),
-        dT_(trace_gradients(pair.cut.type, pair.cut.degree, point.xi))
+  RayByXi(const Rays& rays, std::size_t point)
+      : ray(rays.all[point]), normal_(rays.normal), columns_(rays.columns),
+        dT_(trace_gradients(rays.pair.cut.type, rays.pair.cut.degree, rays.points[point].xi))
   {
+    const RayPair& pair = rays.pair;
     const Vec3 origin = facet_vertex(pair.other.x, 0);
     const auto along = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT_);
     for (int a = 0; a < 2; ++a)
@@ -246,9 +271,9 @@ public:
     }
     if (pair.other.degree == 1 && pair.other.type != FacetType::quadrilateral)
       return; // the facet is straight
-    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
+    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, rays.points[point].zeta);
     for (int a = 0; a < 2; ++a)
-      for (int j = 0; j < columns.num_other; ++j)
+      for (int j = 0; j < columns_.num_other; ++j)
       {
         const Vec3 x = facet_vertex(pair.other.x, j) - origin;
         const auto& [d11, d12, d22] = ddM[j];
@@ -275,19 +300,15 @@ public:
     normal_.add_to(dt[alpha] * c, row + 3 * columns_.along);
   }
 
-  Ray ray;
+  const Ray& ray;
   Vec2 dt;
   std::array<Vec2, 2> dzeta;               ///< [α]
   std::array<std::array<Vec3, 2>, 2> da{}; ///< derivatives of the tangents, [α][β]
 
 private:
-  const RayPair& pair_;
   const Normal& normal_;
   const Columns& columns_;
   std::array<Vec2, max_trace> dT_;
 };
-
-/// Number of coordinates on facets.
-inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
 
 } // namespace qsdolfinx::forms

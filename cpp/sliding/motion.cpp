@@ -144,7 +144,8 @@ private:
     const Vec3 origin = facet_vertex(cut_.x, 0);
     const auto t = forms::tangents(chord, origin, dN);
     const Vec3 s = cross(t[0], t[1]);
-    const double square = dot(s, s), r = point_of(chord, Vec3{}, point.xi)[0];
+    const double square = dot(s, s),
+                 r = shape_.axisymmetric ? point_of(chord, Vec3{}, point.xi)[0] : 0;
     const Vec3 first = (1 / square) * cross(t[1], s), second = (1 / square) * cross(s, t[0]);
     for (int i = 0; i < cut_vertices(); ++i)
     {
@@ -352,38 +353,33 @@ void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
     motions.push_back(motion.of(p, points[p]));
 }
 
-void qsdolfinx::add_changes_of_forces(const RayPair& pair, std::span<const RayPoint> points,
-                                      std::span<const double> pressure, std::span<double> forms)
+void qsdolfinx::add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
+                                      std::span<double> forms)
 {
-  const Normal normal(pair.cut);
-  const Columns columns(pair);
-  const std::size_t stride = forms.size() / (3 * points.size());
-  for (std::size_t p = 0; p < points.size(); ++p)
+  const std::size_t stride = forms.size() / (3 * rays.points.size());
+  for (std::size_t p = 0; p < rays.points.size(); ++p)
   {
     if (pressure[p] == 0)
       continue;
-    const RayByXi at(pair, normal, columns, points[p]);
-    const double force = points[p].weight * pressure[p];
+    const RayByXi at(rays, p);
+    const double force = rays.points[p].weight * pressure[p];
     const Vec3 c = -force * at.ray.A.t;
     double* to = &forms[3 * p * stride];
     for (int a = 0; a < 2; ++a, to += stride)
       at.add_form(c, -force * at.change_of(at.ray.A.t, a), a, to);
-    at.ray.add_form(columns, normal, c, to);
+    at.ray.add_form(rays.columns, rays.normal, c, to);
   }
 }
 
-void qsdolfinx::add_changes_of_slip_forces(const RayPair& pair, std::span<const RayPoint> points,
-                                           std::span<const double> traction,
+void qsdolfinx::add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
                                            std::span<double> forms)
 {
-  const Normal normal(pair.cut);
-  const Columns columns(pair);
-  const int dim = dim_of(pair);
-  const std::size_t stride = forms.size() / (3 * points.size());
-  for (std::size_t p = 0; p < points.size(); ++p)
+  const int dim = dim_of(rays.pair);
+  const std::size_t stride = forms.size() / (3 * rays.points.size());
+  for (std::size_t p = 0; p < rays.points.size(); ++p)
   {
-    const RayByXi at(pair, normal, columns, points[p]);
-    const double w = (pair.cut_is_slave ? 1 : -1) * points[p].weight;
+    const RayByXi at(rays, p);
+    const double w = (rays.pair.cut_is_slave ? 1 : -1) * rays.points[p].weight;
     const Vec3 force = w * facet_vertex(traction, static_cast<int>(p));
     const auto& A = at.ray.A.zeta;
     Vec3 c{};
@@ -398,7 +394,7 @@ void qsdolfinx::add_changes_of_slip_forces(const RayPair& pair, std::span<const 
     double* to = &forms[3 * p * stride];
     for (int a = 0; a < 2; ++a, to += stride)
       at.add_form(c, dc[a], a, to);
-    at.ray.add_form(columns, normal, c, to);
+    at.ray.add_form(rays.columns, rays.normal, c, to);
   }
 }
 

@@ -66,13 +66,13 @@ void append_motions(const RayPair& pair, const PieceShape& shape, std::span<cons
 
 /// Add the derivatives of w_p p_p ∂g_p by ξ₁, ξ₂ and ln w for constant p_p, nodes fixed.
 /// @param pressure p_p, [point] @param forms added, [point][3][stride], the nodes first
-void add_changes_of_forces(const RayPair& pair, std::span<const RayPoint> points,
-                           std::span<const double> pressure, std::span<double> forms);
+void add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
+                           std::span<double> forms);
 
 /// Add the same derivatives of w_p τ_p·(variation that tractions work on), see RaySlip::works.
 /// @param traction τ_p, [point][3]
-void add_changes_of_slip_forces(const RayPair& pair, std::span<const RayPoint> points,
-                                std::span<const double> traction, std::span<double> forms);
+void add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
+                                std::span<double> forms);
 
 /// Add Σ_p (form_ξ₁ δξ₁ + form_ξ₂ δξ₂ + form_w δ ln w) of points that move.
 /// @param forms [point][3][row] @param out [row][row]; the first columns are those of the nodes

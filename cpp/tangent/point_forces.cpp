@@ -1,6 +1,7 @@
 #include "tangent/point_forces.h"
 #include "gap/piece_forces.h"
 #include "geometry/outer.h"
+#include "sliding/forms.h"
 #include "sliding/rise.h"
 
 #include <algorithm>
@@ -168,7 +169,8 @@ public:
     std::ranges::fill(matrix_, 0.0);
     const bool have_corners = at_.moves && !pieces_.corner_end.empty();
     forms_.assign(have_corners ? 3 * points_.size() * size_ : 0, 0.0);
-    measure(pair);
+    const Rays rays(pair, points_);
+    measure(rays);
     for (std::size_t p = 0; p < points_.size(); ++p)
     {
       set_right(pair, p);
@@ -178,7 +180,7 @@ public:
     }
     add_collected();
     add_turning(pair);
-    add_constant_stress(pair);
+    add_constant_stress(rays);
     if (any(forms_))
       add_moved(pair, motion_of(pieces_, piece), forms_, matrix_);
     return matrix_;
@@ -192,27 +194,23 @@ private:
   };
 
   /// Compute gradients and slopes of gaps, and of the positions of points on the slave.
-  void measure(const RayPair& pair)
+  void measure(const Rays& rays)
   {
     const std::size_t count = points_.size();
     works_.resize(count * n_);
     gap_slopes_.resize(2 * count);
-    gap_gradients(pair, points_, works_, gap_slopes_);
+    gap_gradients(rays, works_, gap_slopes_);
     gaps_ = works_;
-    if (at_.gaps_move && !pair.rise.empty()) // gaps are those to the facet itself
-    {
-      RayPair flat = pair;
-      flat.rise = {};
-      gap_gradients(flat, points_, gaps_);
-    }
+    if (at_.gaps_move && !rays.pair.rise.empty()) // gaps are those to the facet itself
+      gap_gradients(rays, gaps_, {}, false);
     turn_.resize(3 * n_);
     if (slip_)
-      normal_gradient(pair, turn_);
+      normal_gradient(rays.pair, turn_);
     if (!has_functions_)
       return;
     places_.resize(2 * count * n_);
     place_slopes_.resize(4 * count);
-    slave_places(pair, points_, places_, place_slopes_);
+    slave_places(rays, places_, place_slopes_);
   }
 
   /// Set functions, trials and their slopes at a point.
@@ -403,18 +401,18 @@ private:
   }
 
   /// Add the change of the forces of constant pressures and tractions.
-  void add_constant_stress(const RayPair& pair)
+  void add_constant_stress(const Rays& rays)
   {
     const auto pressure = at_.pressure.subspan(first_, points_.size());
     if (any(pressure))
-      add_stress(pair, pressure,
+      add_stress(rays, pressure,
                  {add_curvature_of_points, add_changes_of_forces, add_forces_by_rise});
     if (at_.traction.empty())
       return;
     const auto traction = at_.traction.subspan(3 * first_, 3 * points_.size());
     if (any(traction))
       add_stress(
-          pair, traction,
+          rays, traction,
           {add_slip_curvature_of_points, add_changes_of_slip_forces, add_slip_forces_by_rise});
   }
 
@@ -424,17 +422,18 @@ private:
     using Points = std::span<const RayPoint>;
     using In = std::span<const double>;
     using Out = std::span<double>;
-    void (*fixed)(const RayPair&, Points, In, Out);
-    void (*moving)(const RayPair&, Points, In, Out);
+    void (*fixed)(const Rays&, In, Out);
+    void (*moving)(const Rays&, In, Out);
     void (*rising)(const RayPair&, Points, In, Out, Out);
   };
 
-  void add_stress(const RayPair& pair, std::span<const double> stress, const Terms& terms)
+  void add_stress(const Rays& rays, std::span<const double> stress, const Terms& terms)
   {
     std::ranges::fill(hessian_, 0.0);
-    terms.fixed(pair, points_, stress, hessian_);
+    terms.fixed(rays, stress, hessian_);
     if (!forms_.empty())
-      terms.moving(pair, points_, stress, forms_);
+      terms.moving(rays, stress, forms_);
+    const RayPair& pair = rays.pair;
     if (at_.moves && !pair.rise.empty())
     {
       by_normals_.assign(3 * n_ * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
