@@ -56,8 +56,8 @@ std::array<double, max_trace> qsdolfinx::quadratic_functions(FacetType type,
   return products(line(xi[0]), line(xi[1]));
 }
 
-std::array<std::array<double, 2>, max_trace> qsdolfinx::quadratic_gradients(
-    FacetType type, std::array<double, 2> xi)
+std::array<std::array<double, 2>, max_trace>
+qsdolfinx::quadratic_gradients(FacetType type, std::array<double, 2> xi)
 {
   std::array<std::array<double, 2>, max_trace> out{};
   if (type == FacetType::quadrilateral)

@@ -63,7 +63,8 @@ inline std::array<double, 4> shape_functions(FacetType type, std::array<double, 
 }
 
 /// Gradients of the shape functions; the unused ones are 0.
-inline std::array<std::array<double, 2>, 4> shape_gradients(FacetType type, std::array<double, 2> xi)
+inline std::array<std::array<double, 2>, 4> shape_gradients(FacetType type,
+                                                            std::array<double, 2> xi)
 {
   const auto [s, t] = xi;
   switch (type)

@@ -1,13 +1,7 @@
 #include "geometry/outer.h"
+#include "geometry/processors.h"
 
 #include <type_traits>
-
-// The processor at run time decides which of these versions of a function is called.
-#if defined(__x86_64__) && defined(__gnu_linux__)
-#define QSDOLFINX_FOR_PROCESSORS __attribute__((target_clones("default", "arch=x86-64-v3")))
-#else
-#define QSDOLFINX_FOR_PROCESSORS
-#endif
 
 namespace
 {

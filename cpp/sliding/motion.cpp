@@ -1,5 +1,6 @@
 #include "sliding/motion.h"
 #include "geometry/outer.h"
+#include "geometry/processors.h"
 #include "sliding/forms.h"
 
 #include <algorithm>
@@ -344,6 +345,7 @@ private:
 };
 } // namespace
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
                                std::span<const RayPoint> points, std::vector<double>& velocity,
                                std::vector<PointMotion>& motions)
@@ -353,6 +355,7 @@ void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
     motions.push_back(motion.of(p, points[p]));
 }
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
                                       std::span<double> forms)
 {
@@ -398,14 +401,15 @@ void qsdolfinx::add_changes_of_slip_forces(const Rays& rays, std::span<const dou
   }
 }
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::add_moved(const RayPair& pair, const PieceMotion& motion,
                           std::span<const double> forms, std::span<double> out)
 {
   // Points have few corners: forms are summed for each corner before they are multiplied by its
   // velocity.
   const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
-             dim = static_cast<std::size_t>(dim_of(pair)),
-             num_points = motion.points.size(), rows = forms.size() / (3 * num_points),
+             dim = static_cast<std::size_t>(dim_of(pair)), num_points = motion.points.size(),
+             rows = forms.size() / (3 * num_points),
              of_vertices = 3 * static_cast<std::size_t>(pair.cut.num_vertices()),
              first = 3 * static_cast<std::size_t>(Columns(pair).cut);
   std::vector<double> of_corners(motion.velocity.size() / n * rows),

@@ -1,5 +1,6 @@
 #include "sliding/ray.h"
 #include "geometry/outer.h"
+#include "geometry/processors.h"
 #include "sliding/forms.h"
 
 #include <algorithm>
@@ -322,6 +323,7 @@ void qsdolfinx::normal_gradient(const RayPair& pair, std::span<double> out)
   }
 }
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::gap_gradients(const Rays& rays, std::span<double> out, std::span<double> slopes,
                               bool raised)
 {
@@ -366,6 +368,7 @@ void qsdolfinx::slave_places(const Rays& rays, std::span<double> gradients,
   }
 }
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::add_curvature_of_points(const Rays& rays, std::span<const double> pressure,
                                         std::span<double> hessian)
 {

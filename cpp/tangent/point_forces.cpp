@@ -243,8 +243,8 @@ private:
         to[i] += part * (moved[i] = change[0] * by_place[i] + change[1] * by_place[n_ + i]);
       for (std::size_t a = 0; a < 2 && moves; ++a)
       {
-        moved_slopes_[2 * c + a] = change[0] * place_slopes_[4 * p + a]
-                                   + change[1] * place_slopes_[4 * p + 2 + a];
+        moved_slopes_[2 * c + a]
+            = change[0] * place_slopes_[4 * p + a] + change[1] * place_slopes_[4 * p + 2 + a];
         slopes_[2 * c + a] += part * moved_slopes_[2 * c + a];
       }
     }
@@ -262,8 +262,8 @@ private:
     for (std::size_t i = 0; i < n_ && c > 0; ++i)
       to[i] -= gamma * at_.leaning[point] * turn_[(c - 1) * n_ + i];
     for (std::size_t a = 0; a < 2 && !forms_.empty(); ++a)
-      slopes[a] = gamma
-                  * (c == 0 ? gap_slopes_[2 * p + a] : slip_->slope[6 * point + 3 * a + c - 1]);
+      slopes[a]
+          = gamma * (c == 0 ? gap_slopes_[2 * p + a] : slip_->slope[6 * point + 3 * a + c - 1]);
   }
 
   double of_slip(const std::vector<double>& values, std::size_t p, std::size_t r,
@@ -352,7 +352,8 @@ private:
         if (pair.cut_is_slave)
           continue;
         auto& [left, right] = of_functions_[c];
-        left.insert(left.end(), changed.begin(), changed.begin() + static_cast<std::ptrdiff_t>(nk_));
+        left.insert(left.end(), changed.begin(),
+                    changed.begin() + static_cast<std::ptrdiff_t>(nk_));
         const auto place = std::span(places_).subspan((2 * p + i) * n_, n_);
         right.insert(right.end(), place.begin(), place.end());
         right.resize(right.size() + size_ - n_, 0.0);
@@ -457,7 +458,7 @@ private:
   std::vector<double> matrix_, works_, gaps_, gap_slopes_, places_, place_slopes_, turn_;
   std::array<double, 4> N_{};
   std::array<std::array<double, 2>, max_trace> dN_{};
-  std::vector<double> right_, slopes_;        ///< of the trials of a point, by nodes and by ξ
+  std::vector<double> right_, slopes_;       ///< of the trials of a point, by nodes and by ξ
   std::vector<double> moved_, moved_slopes_; ///< of its λ
   std::vector<Rows> of_nodes_, of_functions_;
   std::vector<double> forms_; ///< [point][3][row]; empty if points do not move
@@ -511,8 +512,7 @@ void qsdolfinx::add_point_forces(const Pieces& pieces, const SlipOfPieces* slip,
   {
     insertion.clear();
     for (std::size_t c = 0; c < m; ++c)
-      insertion.append_function(
-          c, functions.row[pieces.size() * nk + p - pieces.points.size()], c);
+      insertion.append_function(c, functions.row[pieces.size() * nk + p - pieces.points.size()], c);
     insertion.add(of_alone(at, p), m);
   }
 }

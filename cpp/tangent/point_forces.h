@@ -17,8 +17,8 @@ namespace qsdolfinx
 {
 
 /// State of the points of pieces. A point has one component, its pressure, and with friction also
-/// those of its traction. Component c has the trial y_c = γ_c g_c + a_c λ_c with λ_c = Σ_k N_k λ_ck,
-/// and R_λ has the terms w_p N_k r_c. Points without a partner follow those of the pieces.
+/// those of its traction. Component c has the trial y_c = γ_c g_c + a_c λ_c with λ_c = Σ_k N_k
+/// λ_ck, and R_λ has the terms w_p N_k r_c. Points without a partner follow those of the pieces.
 struct PointState
 {
   std::size_t components;          ///< 1, or 1 + gdim

@@ -85,7 +85,9 @@ void RowSums::sum()
       continue;
     // The unknowns of a node have the same columns.
     const auto of_part = [this](std::size_t i) { return parts_[i].columns; };
-    const bool same = first > 0 && std::ranges::equal(own, std::span(order).subspan(before, first - before), {}, of_part, of_part);
+    const bool same = first > 0
+                      && std::ranges::equal(own, std::span(order).subspan(before, first - before),
+                                            {}, of_part, of_part);
     if (!same)
     {
       size = 0;
@@ -109,7 +111,8 @@ void RowSums::sum()
           sums[column[j]] += value[j];
     }
     if (!same)
-      columns.insert(columns.end(), found.begin(), found.begin() + static_cast<std::ptrdiff_t>(size));
+      columns.insert(columns.end(), found.begin(),
+                     found.begin() + static_cast<std::ptrdiff_t>(size));
     parts.push_back({static_cast<std::int32_t>(row), columns.size() - size, values.size(), size});
     for (std::size_t j = 0; j < size; ++j)
     {
@@ -203,7 +206,8 @@ void RowSums::set_pattern()
     const PetscInt row = known_[part.row] - begin;
     offset[row + 1] = static_cast<PetscInt>(part.size);
     for (std::size_t j = 0; j < part.size; ++j)
-      by_columns[end[columns_[part.columns + j]]++] = {row, values_[part.values + j]}; // as in sum()
+      by_columns[end[columns_[part.columns + j]]++]
+          = {row, values_[part.values + j]}; // as in sum()
   }
   std::partial_sum(offset.begin(), offset.end(), offset.begin());
   std::vector<PetscInt> next(offset), columns(values_.size());
