@@ -15,30 +15,6 @@ class CompressedRows:
     ) -> None:
         """First entry of each row, [row + 1]; column numbers and values, [entry]."""
 
-class FunctionsOfPieces:
-    """Derivatives of vertex functions at the points of pieces; see gap/point_rows.h."""
-
-    def __init__(
-        self,
-        pieces: Pieces,
-        field: int,
-        rest: numpy.typing.NDArray[numpy.float64],
-        moves: bool,
-        markers: Sequence[int],
-        turning: numpy.typing.NDArray[numpy.float64],
-        component: int,
-    ) -> None:
-        """From a field on the sides of the slave's nodes and values at the points; collective."""
-
-    def entries(
-        self, side: int
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.int64],
-        numpy.typing.NDArray[numpy.float64],
-    ]:
-        """Unknowns of node sides, unknowns of one body (-1 if constrained), and values, [entry]."""
-
 class GapOperator:
     """Operator of the weighted gaps of the slave nodes of this rank; see gap/gap.h."""
 
@@ -82,35 +58,6 @@ class GapOperator:
         weight: numpy.typing.NDArray[numpy.float64],
     ) -> None:
         """Derivative of slip at the points of pieces, or the variation that tractions work on."""
-
-    @overload
-    def __init__(
-        self,
-        master: Surface | None,
-        moving: Pieces,
-        slip: SlipOfPieces,
-        *,
-        leaning: numpy.typing.NDArray[numpy.float64],
-        weight: numpy.typing.NDArray[numpy.float64],
-    ) -> None:
-        """Derivative of slip with the motion of points; see gap/point_rows.h."""
-
-    @overload
-    def __init__(
-        self, master: Surface | None, moving: Pieces, *, weight: numpy.typing.NDArray[numpy.float64]
-    ) -> None:
-        """Derivative of gaps with the motion of points; see gap/gap.h."""
-
-    @overload
-    def __init__(
-        self,
-        master: Surface | None,
-        points_of: Pieces,
-        functions: FunctionsOfPieces,
-        *,
-        weight: numpy.typing.NDArray[numpy.float64],
-    ) -> None:
-        """Gradients of the field of `functions` at the points of pieces."""
 
     @property
     def num_rows(self) -> int: ...
@@ -505,15 +452,26 @@ class Surface:
     def node_normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Averaged outward unit normals at the owned nodes, [node][3]."""
 
-def add_curvature(
+def add_point_forces(
     sums: RowSums,
     pieces: Pieces,
-    stress: numpy.typing.NDArray[numpy.float64],
+    slip: SlipOfPieces | None,
+    *,
+    factors: Sequence[numpy.typing.NDArray[numpy.float64]],
+    derivatives: Sequence[numpy.typing.NDArray[numpy.float64]],
+    values: Sequence[numpy.typing.NDArray[numpy.float64]],
+    fields: Sequence[int],
     moves: bool,
+    gaps_move: bool,
+    function_rows: numpy.typing.NDArray[numpy.int64],
+    functions: Sequence[CompressedRows],
+    own: bool,
     numbers: Sequence[numpy.typing.NDArray[numpy.int64]],
     scale: Sequence[float],
+    tool: int,
+    way: Sequence[float],
 ) -> None:
-    """Add the derivative of the forces of constant pressures [point], or of tractions [point][3], from the curvature of gaps and the motion of points; numbers are those of unknowns, [piece][node][gdim]."""
+    """Add the derivative of the forces and of the equations of multipliers at the points of pieces: factors γ, a, and that of N in R_λ; derivatives D and those of r by λ; pressures, tractions, r, vectors that turn with facets, and their components along normals; see tangent/point_forces.h. Collective."""
 
 def add_products(
     sums: RowSums, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]

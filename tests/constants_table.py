@@ -54,11 +54,8 @@ CHANGED = [
     Changed("contact/slid.py:TURNS", (3.0,), ("contact/test_turned.py::test_turned_in_a_solve",)),
     Changed(
         "contact/tool_corners.py:CARRIED",
-        (0.01, 2.0),
-        (
-            "sliding/test_tool_corners.py::test_loaded_corner",
-            "sliding/test_tool_corners.py::test_wide_contact",
-        ),
+        (2.0,),
+        ("sliding/test_tool_corners.py::test_loaded_corner",),
     ),
     Changed(
         "contact/tool_corners.py:CORNER",
@@ -101,14 +98,11 @@ CHANGED = [
     ),
     Changed(
         "gap/law_samples.py:ALIKE",
-        (1.0, 1e6),
-        (
-            "contact/test_law_signs.py::test_legal_law",
-            "contact/test_law_signs.py::test_wrong_law",
-        ),
+        (1e6,),
+        ("contact/test_law_signs.py::test_wrong_law",),
     ),
     Changed(
-        "gap/law_samples.py:DIFFERENCE", (1e-16,), ("contact/test_law_signs.py::test_legal_law",)
+        "gap/law_samples.py:DIFFERENCE", (1e3,), ("contact/test_law_signs.py::test_legal_law",)
     ),
     Changed("gap/law_samples.py:ENDED", (0.9,), ("contact/test_law_signs.py::test_peeling",)),
     Changed(

@@ -22,29 +22,6 @@ std::array<Vec, 2> vecs(Handle slave, Handle master)
 
 void qsdolfinx::bind_gap(nb::module_& m)
 {
-  nb::class_<FunctionsOfPieces>(m, "FunctionsOfPieces",
-                                "Derivatives of vertex functions at the points of pieces; see "
-                                "gap/point_rows.h.")
-      .def(
-          "__init__",
-          [](FunctionsOfPieces* self, const Pieces& pieces, Handle field, In<double> rest,
-             bool moves, std::array<Handle, 2> markers, In<double> turning, std::size_t component)
-          {
-            new (self) FunctionsOfPieces(pieces, reinterpret_cast<Vec>(field), rest.view(), moves,
-                                         vecs(markers[0], markers[1]), turning.view(), component);
-          },
-          "pieces"_a, "field"_a, "rest"_a, "moves"_a, "markers"_a, "turning"_a, "component"_a,
-          "From a field on the sides of the slave's nodes and values at the points; collective.")
-      .def(
-          "entries",
-          [](const FunctionsOfPieces& f, int side)
-          {
-            const std::size_t n = f.value[side].size();
-            return std::tuple(copy(f.row[side], {n}), copy(f.column[side], {n}),
-                              copy(f.value[side], {n}));
-          },
-          "side"_a,
-          "Unknowns of node sides, unknowns of one body (-1 if constrained), and values, [entry].");
   nb::class_<SlipOfPieces>(m, "SlipOfPieces", "Slip at the points of pieces; see gap/point_rows.h.")
       .def(
           "__init__",
@@ -108,28 +85,6 @@ void qsdolfinx::bind_gap(nb::module_& m)
           },
           "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a, "weight"_a,
           "Derivative of slip at the points of pieces, or the variation that tractions work on.")
-      .def(
-          "__init__",
-          [](GapOperator* self, const Surface* master, const Pieces& pieces,
-             const SlipOfPieces& slip, In<double> leaning, In<double> weight)
-          {
-            new (self) GapOperator(master, pieces, slip.moving_gradient(pieces, leaning.view()),
-                                   weight.view());
-          },
-          "master"_a.none(), "moving"_a, "slip"_a, nb::kw_only(), "leaning"_a, "weight"_a,
-          "Derivative of slip with the motion of points; see gap/point_rows.h.")
-      .def(
-          "__init__",
-          [](GapOperator* self, const Surface* master, const Pieces& pieces, In<double> weight)
-          { new (self) GapOperator(master, pieces, weight.view()); }, "master"_a.none(), "moving"_a,
-          nb::kw_only(), "weight"_a, "Derivative of gaps with the motion of points; see gap/gap.h.")
-      .def(
-          "__init__",
-          [](GapOperator* self, const Surface* master, const Pieces& pieces,
-             const FunctionsOfPieces& functions, In<double> weight)
-          { new (self) GapOperator(master, pieces, functions, weight.view()); },
-          "master"_a.none(), "points_of"_a, "functions"_a, nb::kw_only(), "weight"_a,
-          "Gradients of the field of `functions` at the points of pieces.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)
       .def_prop_ro("turns", &GapOperator::turns, "Whether a jump is co-rotated with facets.")
       .def_prop_ro("width", &GapOperator::width,

@@ -1,5 +1,6 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
+#include "sliding/forms.h"
 #include "sliding/ray.h"
 
 #include <nanobind/stl/tuple.h>
@@ -116,7 +117,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const RayPair pair = make_pair(cut, other, cut_is_slave);
         const std::size_t n = points.points.size(), nodes = pair.num_nodes();
         std::vector<double> out(3 * n * nodes);
-        gap_gradients(pair, points.points, out);
+        gap_gradients(Rays(pair, points.points), out);
         return copy(std::move(out), {n, nodes, 3});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a,
@@ -129,7 +130,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const std::size_t n = points.points.size(), nodes = pair.num_nodes(),
                           nk = pair.slave().num_vertices();
         std::vector<double> out(3 * n * nk * nodes), places(6 * n * nodes), slopes(4 * n);
-        slave_places(pair, points.points, places, slopes);
+        slave_places(Rays(pair, points.points), places, slopes);
         for (std::size_t p = 0; p < n && !cut_is_slave; ++p)
         {
           const auto dN = trace_gradients(pair.slave().type, 1, points.points[p].zeta);
@@ -151,7 +152,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
         check_size(points, pressure.view().size(), 1);
         std::vector<double> hessian(size * size);
-        add_curvature_of_points(pair, points.points, pressure.view(), hessian);
+        add_curvature_of_points(Rays(pair, points.points), pressure.view(), hessian);
         return copy(std::move(hessian), {size, size});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "pressure"_a,
@@ -166,7 +167,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const std::size_t n = points.points.size(), nodes = pair.num_nodes();
         std::vector<double> slip(3 * n), normal(3 * n), gradient(9 * n * nodes),
             works(9 * n * nodes), slope(6 * n), arc(n), gap(n);
-        slip_of_points(pair, {cut_start.view(), other_start.view()}, points.points,
+        slip_of_points(Rays(pair, points.points), {cut_start.view(), other_start.view()},
                        {slip, normal, gradient, works, slope, arc, gap});
         return std::tuple(copy(std::move(slip), {n, 3}), copy(std::move(normal), {n, 3}),
                           copy(std::move(gradient), {n, nodes, 3, 3}),
@@ -185,7 +186,7 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
         check_size(points, tractions.view().size(), 3);
         std::vector<double> hessian(size * size);
-        add_slip_curvature_of_points(pair, points.points, tractions.view(), hessian);
+        add_slip_curvature_of_points(Rays(pair, points.points), tractions.view(), hessian);
         return copy(std::move(hessian), {size, size});
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "tractions"_a,

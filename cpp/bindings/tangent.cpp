@@ -1,8 +1,8 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "tangent/curvature.h"
 #include "tangent/friction.h"
 #include "tangent/insertion.h"
+#include "tangent/point_forces.h"
 #include "tangent/products.h"
 #include "tangent/rows.h"
 
@@ -73,17 +73,43 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       .def("insert", &RowSums::insert,
            "Insert all entries into the matrix, and assemble it. Collective.");
   m.def(
-      "add_curvature",
-      [](RowSums& sums, const Pieces& pieces, In<double> stress, bool moves,
-         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale)
+      "add_point_forces",
+      [](RowSums& sums, const Pieces& pieces, const SlipOfPieces* slip,
+         std::array<In<double>, 3> factors, std::array<In<double>, 2> derivatives,
+         std::array<In<double>, 5> values, const std::vector<Handle>& fields, bool moves,
+         bool gaps_move, In<std::int64_t> function_rows,
+         const std::vector<const CompressedRows*>& functions, bool own,
+         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale, std::int64_t tool,
+         std::array<double, 3> way)
       {
-        const auto add = stress.array.ndim() > 1 ? add_slip_curvature : add_curvature;
-        add(pieces, stress.view(), moves, {sums, {numbers[0].view(), numbers[1].view()}, scale});
+        const std::size_t components = factors[0].array.size();
+        const auto [pressure, traction, rest, turning, leaning] = values;
+        PointState at{components,
+                      factors[0].view(),
+                      factors[1].view(),
+                      factors[2].view(),
+                      derivatives[0].view(),
+                      derivatives[1].view(),
+                      pressure.view(),
+                      traction.view(),
+                      rest.view(),
+                      turning.view(),
+                      leaning.view(),
+                      {},
+                      moves,
+                      gaps_move};
+        for (Handle field : fields)
+          at.fields.push_back(reinterpret_cast<Vec>(field));
+        add_point_forces(pieces, slip, at, {function_rows.view(), functions, own},
+                         {sums, {numbers[0].view(), numbers[1].view()}, scale, tool, way});
       },
-      "sums"_a, "pieces"_a, "stress"_a, "moves"_a, "numbers"_a, "scale"_a,
-      "Add the derivative of the forces of constant pressures [point], or of tractions [point][3], "
-      "from the curvature of gaps and the motion of points; numbers are those of unknowns, "
-      "[piece][node][gdim].");
+      "sums"_a, "pieces"_a, "slip"_a.none(), nb::kw_only(), "factors"_a, "derivatives"_a,
+      "values"_a, "fields"_a, "moves"_a, "gaps_move"_a, "function_rows"_a, "functions"_a, "own"_a,
+      "numbers"_a, "scale"_a, "tool"_a, "way"_a,
+      "Add the derivative of the forces and of the equations of multipliers at the points of "
+      "pieces: factors γ, a, and that of N in R_λ; derivatives D and those of r by λ; pressures, "
+      "tractions, r, vectors that turn with facets, and their components along normals; see "
+      "tangent/point_forces.h. Collective.");
   m.def(
       "free_unknowns",
       [](const Pieces& pieces, int side, Handle markers)

@@ -159,20 +159,6 @@ GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
 }
 
 GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
-                         std::span<const double> weight)
-    : GapOperator(master, pieces, GapKind::normal, weight)
-{
-  rows_of_pieces(used_sides(), pieces, weight.size(), 3, moving_gap_gradients_of(pieces));
-}
-
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
-                         const FunctionsOfPieces& functions, std::span<const double> weight)
-    : GapOperator(master, pieces, GapKind::normal, weight)
-{
-  rows_of_pieces(used_sides(), pieces, weight.size(), 3, parts_of(pieces, functions.gradient));
-}
-
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
                          const std::vector<double>& gradient, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {

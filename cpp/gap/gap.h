@@ -28,7 +28,6 @@ enum class GapRows
   points         ///< the pairing points; divided by w_p in place of S_k: no averaging
 };
 
-struct FunctionsOfPieces;
 struct Pieces;
 struct Slots;
 
@@ -59,7 +58,6 @@ public:
   /// must have been solved. There is one row for each point on this rank, then one for each
   /// stand-alone point (`alone`), which has one multiplier and no facet. `initial_gap` is −g.
   /// @param master null for a rigid tool
-  /// @param alone slave unknowns that represent the node sides of the stand-alone points
   /// @param alone slave unknowns that represent the node sides of the stand-alone points, -1 for
   /// points that have no function of nodes
   /// @param weight areas of the stand-alone points
@@ -68,11 +66,6 @@ public:
               std::span<const double> weight, double far);
   /// Relative position x_slave − x_master for the same rows, with the points fixed on their facets.
   GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
-              std::span<const double> weight);
-  /// Derivative of the gaps including the motion of the points on the facets, for the same rows.
-  GapOperator(const Surface* master, const Pieces& pieces, std::span<const double> weight);
-  /// Operator of other gradients for the same rows, see FunctionsOfPieces in point_rows.h.
-  GapOperator(const Surface* master, const Pieces& pieces, const FunctionsOfPieces& functions,
               std::span<const double> weight);
   /// Derivative of the slip for the same rows, or the variation on which tractions do work.
   GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient,

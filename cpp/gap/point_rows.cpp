@@ -1,5 +1,7 @@
 #include "gap/point_rows.h"
 #include "gap/piece_forces.h"
+#include "parallel/key_numbers.h"
+#include "sliding/forms.h"
 
 #include <algorithm>
 #include <array>
@@ -206,17 +208,30 @@ struct PieceColumns
   /// @param keys unknowns that represent the nodes, [piece][node] @param others further columns
   PieceColumns(const std::vector<std::int64_t>& keys, std::size_t nodes,
                std::span<const std::int64_t> others = {})
-      : num_nodes(nodes), key(keys), column(keys.size()), order(keys.size())
+      : num_nodes(nodes), column(keys.size()), order(keys.size())
   {
-    key.insert(key.end(), others.begin(), others.end());
+    KeyNumbers numbers;
+    const auto number_of = [&](std::int64_t k)
+    {
+      const std::int32_t out = numbers(k);
+      if (numbers.size() > key.size())
+        key.push_back(k);
+      return out;
+    };
+    std::ranges::transform(keys, column.begin(), number_of);
+    std::ranges::for_each(others, number_of);
+    const std::vector<std::int64_t> found = key;
     std::ranges::sort(key);
-    key.erase(std::ranges::unique(key).begin(), key.end());
-    std::ranges::transform(keys, column.begin(), [this](std::int64_t k) { return place(k); });
+    std::vector<std::int32_t> places(found.size());
+    std::ranges::transform(found, places.begin(), [this](std::int64_t k) { return place(k); });
+    for (std::int32_t& c : column)
+      c = places[c];
     for (std::size_t first = 0; first < keys.size(); first += nodes)
     {
       const auto of_piece = std::span(order).subspan(first, nodes);
       std::iota(of_piece.begin(), of_piece.end(), 0u);
-      std::ranges::stable_sort(of_piece, {}, [&](std::uint32_t j) { return column[first + j]; });
+      std::ranges::sort(of_piece, {},
+                        [&](std::uint32_t j) { return std::pair(column[first + j], j); });
     }
   }
 
@@ -350,31 +365,8 @@ OfPiece qsdolfinx::gap_gradients_of(const Pieces& pieces)
   {
     const auto points = pieces.points_of(i);
     values.resize(points.size() * nodes * 3);
-    gap_gradients(pair_of(pieces, i), points, values);
+    gap_gradients(Rays(pair_of(pieces, i), points), values);
     return std::span<const double>(values);
-  };
-}
-
-OfPiece qsdolfinx::moving_gap_gradients_of(const Pieces& pieces)
-{
-  return
-      [&pieces, out = std::vector<double>(), slopes = std::vector<double>()](std::size_t i) mutable
-  {
-    RayPair pair = pair_of(pieces, i);
-    pair.rise = {}; // gaps are those to the facet itself
-    const auto points = pieces.points_of(i);
-    const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
-    out.resize(points.size() * size);
-    slopes.resize(2 * points.size());
-    gap_gradients(pair, points, out, slopes);
-    if (!pieces.corner_end.empty())
-    {
-      const PieceMotion motion = motion_of(pieces, i);
-      for (std::size_t p = 0; p < points.size(); ++p)
-        add_motion(pair, motion, p, {slopes[2 * p], slopes[2 * p + 1], 0},
-                   std::span(out).subspan(p * size, size));
-    }
-    return std::span<const double>(out);
   };
 }
 
@@ -407,97 +399,6 @@ OfPiece qsdolfinx::parts_of(const Pieces& pieces, std::span<const double> values
                       first = i > 0 ? pieces.end[i - 1] : 0;
     return values.subspan(first * width, (pieces.end[i] - first) * width);
   };
-}
-
-FunctionsOfPieces::FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest,
-                                     bool moves, std::array<Vec, 2> markers,
-                                     std::span<const double> turning, std::size_t component)
-{
-  if (rest.size() < pieces.points.size()
-      || (!turning.empty() && turning.size() < 3 * pieces.points.size()))
-    throw std::invalid_argument("a number for each point");
-  const auto d = static_cast<std::size_t>(pieces.gdim),
-             nk = static_cast<std::size_t>(pieces.num_multipliers),
-             ns = static_cast<std::size_t>(pieces.slave.num_nodes),
-             nm = static_cast<std::size_t>(pieces.master.num_nodes), size = 3 * (ns + nm);
-  const std::vector<std::int64_t> of_sides = side_dofs(pieces);
-  const std::vector<double> lambda = values_at(field, of_sides);
-  const std::array<const PieceSide*, 2> sides{&pieces.slave, &pieces.master};
-  std::array<std::vector<double>, 2> held;
-  for (std::size_t s = 0; s < 2; ++s)
-    if (markers[s])
-      held[s] = values_at(markers[s], sides[s]->dofs);
-  gradient.resize(pieces.points.size() * size);
-  std::vector<double> places, slopes, grows(size), sum(nk * size),
-      turn(turning.empty() ? 0 : 3 * size);
-  std::size_t done = 0;
-  for (std::size_t i = 0; i < pieces.size(); ++i)
-  {
-    const auto points = pieces.points_of(i);
-    const std::size_t first = done;
-    done += points.size();
-    if (pieces.cut_is_slave[i] && !moves && turning.empty())
-      continue;
-    const RayPair pair = pair_of(pieces, i);
-    double across = 0;
-    if (!turning.empty())
-    {
-      normal_gradient(pair, turn);
-      across = normal_of(pair)[component];
-    }
-    places.resize(points.size() * 2 * size);
-    slopes.resize(points.size() * 4);
-    slave_places(pair, points, places, slopes);
-    std::ranges::fill(sum, 0.0);
-    for (std::size_t p = 0; p < points.size(); ++p)
-    {
-      const double force = points[p].weight * rest[first + p];
-      const auto& place = pieces.cut_is_slave[i] ? points[p].xi : points[p].zeta;
-      const auto N = shape_functions(pieces.slave.type, place);
-      const auto dN = trace_gradients(pieces.slave.type, 1, place);
-      const auto moved = std::span(places).subspan(2 * p * size, 2 * size);
-      if (moves && !pieces.corner_end.empty())
-      {
-        const PieceMotion motion = motion_of(pieces, i);
-        const double* slope = &slopes[4 * p];
-        for (std::size_t a = 0; a < 2; ++a)
-          add_motion(pair, motion, p, {slope[2 * a], slope[2 * a + 1], 0},
-                     moved.subspan(a * size, size));
-        std::ranges::fill(grows, 0.0);
-        add_motion(pair, motion, p, {0, 0, 1}, grows);
-      }
-      std::array<double, 2> change{};
-      for (std::size_t k = 0; k < nk; ++k)
-        for (std::size_t a = 0; a < 2; ++a)
-          change[a] += lambda[i * nk + k] * dN[k][a];
-      for (std::size_t c = 0; c < size; ++c)
-        gradient[(first + p) * size + c] = change[0] * moved[c] + change[1] * moved[size + c];
-      for (std::size_t k = 0; k < nk; ++k)
-        for (std::size_t c = 0; c < size; ++c)
-          sum[k * size + c]
-              += force * (dN[k][0] * moved[c] + dN[k][1] * moved[size + c] + N[k] * grows[c]);
-      for (std::size_t r = 0; r < turn.size() / size; ++r)
-      {
-        const double turned = points[p].weight * across * turning[3 * (first + p) + r];
-        for (std::size_t k = 0; k < nk; ++k)
-          for (std::size_t c = 0; c < size; ++c)
-            sum[k * size + c] -= N[k] * turned * turn[r * size + c];
-      }
-    }
-    for (std::size_t s = 0; s < 2; ++s)
-    {
-      const std::size_t nodes = s == 0 ? ns : nm, column0 = s == 0 ? 0 : 3 * ns;
-      for (std::size_t k = 0; markers[s] && k < nk; ++k)
-        for (std::size_t j = 0; j < nodes; ++j)
-          for (std::size_t c = 0; c < d; ++c)
-          {
-            const std::size_t at = (i * nodes + j) * d + c;
-            row[s].push_back(of_sides[i * nk + k]);
-            column[s].push_back(held[s][at] != 0 ? -1 : sides[s]->dofs[at]);
-            value[s].push_back(sum[k * size + column0 + 3 * j + c]);
-          }
-    }
-  }
 }
 
 SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_start,
@@ -546,7 +447,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
       }
     const RayStart start{pair.cut_is_slave ? first : second, pair.cut_is_slave ? second : first};
     const std::size_t count = points.size();
-    slip_of_points(pair, start, points,
+    slip_of_points(Rays(pair, points), start,
                    {std::span(slip).subspan(3 * done, 3 * count),
                     std::span(normal).subspan(3 * done, 3 * count),
                     std::span(gradient).subspan(done * size, count * size),
@@ -555,35 +456,4 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
                     std::span(arc).subspan(done, count), std::span(gap).subspan(done, count)});
     done += count;
   }
-}
-
-std::vector<double> SlipOfPieces::moving_gradient(const Pieces& pieces,
-                                                  std::span<const double> leaning) const
-{
-  if (leaning.size() < pieces.points.size())
-    throw std::invalid_argument("a number for each point");
-  std::vector<double> out = gradient;
-  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
-  std::vector<double> moved(3 * nodes), turn(9 * nodes);
-  for (std::size_t i = 0, p = 0; i < pieces.size(); ++i)
-  {
-    const RayPair pair = pair_of(pieces, i);
-    for (std::size_t q = 0; q < pieces.points_of(i).size() && !pieces.corner_end.empty(); ++q)
-      for (std::size_t r = 0; r < 3; ++r)
-      {
-        std::ranges::fill(moved, 0.0);
-        const double* by_xi = &slope[6 * (p + q) + r];
-        add_motion(pair, motion_of(pieces, i), q, {by_xi[0], by_xi[3], 0}, moved);
-        for (std::size_t j = 0; j < nodes; ++j)
-          for (std::size_t c = 0; c < 3; ++c)
-            out[(((p + q) * nodes + j) * 3 + r) * 3 + c] += moved[3 * j + c];
-      }
-    normal_gradient(pair, turn);
-    for (; p < pieces.end[i]; ++p)
-      for (std::size_t j = 0; j < nodes; ++j)
-        for (std::size_t r = 0; r < 3; ++r)
-          for (std::size_t c = 0; c < 3; ++c)
-            out[((p * nodes + j) * 3 + r) * 3 + c] -= leaning[p] * turn[(r * nodes + j) * 3 + c];
-  }
-  return out;
 }

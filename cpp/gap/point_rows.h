@@ -30,9 +30,6 @@ OfPiece gap_gradients_of(const Pieces& pieces);
 /// Trace functions, negative for the master, width 1.
 OfPiece jumps_of(const Pieces& pieces);
 
-/// Gradients of the gaps including the motion of the points, width 3.
-OfPiece moving_gap_gradients_of(const Pieces& pieces);
-
 /// Parts of given values, [point][node][width].
 OfPiece parts_of(const Pieces& pieces, std::span<const double> values);
 
@@ -49,30 +46,6 @@ void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std:
 void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 
-/// Derivatives of functions of the slave's vertices at the points of pieces, as they move along the
-/// slave's facets.
-struct FunctionsOfPieces
-{
-  /// Gradients of Σ_k λ_k N_k including the motion of the points, [point][node][3], the slave's
-  /// nodes first.
-  std::vector<double> gradient;
-  /// Derivative of Σ_p w_p N_k r_p due to the motion of N_k and of the points: the unknown that
-  /// represents the side of a node, the unknown of a body, and the value.
-  std::array<std::vector<std::int64_t>, 2> row, column; ///< [side of contact][entry]
-  std::array<std::vector<double>, 2> value;
-
-  /// Collective. @param field λ, a vector of the slave's body
-  /// @param rest r_p, [point], held constant
-  /// @param moves whether points move
-  /// @param turning vectors of which r_p is a component, and which stay in the planes of the facets
-  /// where rays start, [point][3]; empty if there are none
-  /// @param markers vectors of the bodies, nonzero at unknowns with Dirichlet conditions, whose
-  /// columns become −1; null for a rigid tool
-  FunctionsOfPieces(const Pieces& pieces, Vec field, std::span<const double> rest, bool moves,
-                    std::array<Vec, 2> markers, std::span<const double> turning = {},
-                    std::size_t component = 0);
-};
-
 /// Slip at the points of pieces, see RaySlip. Shapes are [point][3], [point][node][3][3] (the
 /// slave's nodes first), or [point].
 struct SlipOfPieces
@@ -84,11 +57,6 @@ struct SlipOfPieces
   /// @param of_tool affine map from present positions on the rigid tool to those when slip began,
   /// rows, [3][4]
   SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
-
-  /// ``gradient`` including the motion of the points, plus the derivative −l_p δn of the tangential
-  /// parts of constant vectors.
-  /// @param leaning l_p, component of these vectors along the slave's normal, [point]
-  std::vector<double> moving_gradient(const Pieces& pieces, std::span<const double> leaning) const;
 };
 
 } // namespace qsdolfinx

@@ -19,21 +19,6 @@ std::array<double, max_trace> products(const Line& f, const Line& g)
   return {f[0] * g[0], f[1] * g[0], f[0] * g[1], f[1] * g[1], f[2] * g[0],
           f[0] * g[2], f[1] * g[2], f[2] * g[1], f[2] * g[2]};
 }
-
-/// Gradients of the shape functions.
-std::array<std::array<double, 2>, 4> shape_gradients(FacetType type, std::array<double, 2> xi)
-{
-  const auto [s, t] = xi;
-  switch (type)
-  {
-  case FacetType::interval:
-    return {{{-1, 0}, {1, 0}}};
-  case FacetType::triangle:
-    return {{{-1, -1}, {1, 0}, {0, 1}}};
-  default:
-    return {{{t - 1, s - 1}, {1 - t, -s}, {-t, 1 - s}, {t, s}}};
-  }
-}
 } // namespace
 
 std::span<const std::array<int, 2>> qsdolfinx::facet_edges(FacetType type)
@@ -53,16 +38,11 @@ std::span<const std::array<int, 2>> qsdolfinx::facet_edges(FacetType type)
   }
 }
 
-std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int degree,
-                                                         std::array<double, 2> xi)
+std::array<double, max_trace> qsdolfinx::quadratic_functions(FacetType type,
+                                                             std::array<double, 2> xi)
 {
   const auto N = shape_functions(type, xi);
   std::array<double, max_trace> out{};
-  if (degree == 1)
-  {
-    std::copy(N.begin(), N.end(), out.begin());
-    return out;
-  }
   if (type != FacetType::quadrilateral)
   {
     // In barycentric coordinates: N (2 N - 1) at vertices, 4 N_a N_b on edges.
@@ -76,11 +56,11 @@ std::array<double, max_trace> qsdolfinx::trace_functions(FacetType type, int deg
   return products(line(xi[0]), line(xi[1]));
 }
 
-std::array<std::array<double, 2>, max_trace> qsdolfinx::trace_gradients(FacetType type, int degree,
-                                                                        std::array<double, 2> xi)
+std::array<std::array<double, 2>, max_trace>
+qsdolfinx::quadratic_gradients(FacetType type, std::array<double, 2> xi)
 {
   std::array<std::array<double, 2>, max_trace> out{};
-  if (degree == 2 && type == FacetType::quadrilateral)
+  if (type == FacetType::quadrilateral)
   {
     const auto s = products(line_slopes(xi[0]), line(xi[1]));
     const auto t = products(line(xi[0]), line_slopes(xi[1]));
@@ -89,11 +69,6 @@ std::array<std::array<double, 2>, max_trace> qsdolfinx::trace_gradients(FacetTyp
     return out;
   }
   const auto dN = shape_gradients(type, xi);
-  if (degree == 1)
-  {
-    std::copy(dN.begin(), dN.end(), out.begin());
-    return out;
-  }
   const auto N = shape_functions(type, xi);
   int next = static_cast<int>(type);
   for (int i = 0; i < next; ++i)

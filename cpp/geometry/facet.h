@@ -62,6 +62,22 @@ inline std::array<double, 4> shape_functions(FacetType type, std::array<double, 
   }
 }
 
+/// Gradients of the shape functions; the unused ones are 0.
+inline std::array<std::array<double, 2>, 4> shape_gradients(FacetType type,
+                                                            std::array<double, 2> xi)
+{
+  const auto [s, t] = xi;
+  switch (type)
+  {
+  case FacetType::interval:
+    return {{{-1, 0}, {1, 0}}};
+  case FacetType::triangle:
+    return {{{-1, -1}, {1, 0}, {0, 1}}};
+  default:
+    return {{{t - 1, s - 1}, {1 - t, -s}, {-t, 1 - s}, {t, s}}};
+  }
+}
+
 /// Point of the facet at ξ. @param vertices 3 coordinates a vertex
 inline Vec3 facet_point(FacetType type, std::span<const double> v, std::array<double, 2> xi)
 {
@@ -105,14 +121,32 @@ inline int trace_size(FacetType type, int degree)
   return type == FacetType::interval ? 3 : type == FacetType::triangle ? 6 : 9;
 }
 
+/// Lagrange functions of degree 2 at ξ, see trace_functions.
+std::array<double, max_trace> quadratic_functions(FacetType type, std::array<double, 2> xi);
+std::array<std::array<double, 2>, max_trace> quadratic_gradients(FacetType type,
+                                                                 std::array<double, 2> xi);
+
 /// Lagrange functions of degree 1 or 2 at ξ; the unused ones are 0. Vertices come first, then, for
 /// degree 2, the edges in the order of `facet_edges`, and the interior of a quadrilateral.
-std::array<double, max_trace> trace_functions(FacetType type, int degree, std::array<double, 2> xi);
+inline std::array<double, max_trace> trace_functions(FacetType type, int degree,
+                                                     std::array<double, 2> xi)
+{
+  if (degree == 2)
+    return quadratic_functions(type, xi);
+  const auto N = shape_functions(type, xi);
+  return {N[0], N[1], N[2], N[3]};
+}
 
 /// First derivatives of trace_functions, [function][∂ξ, ∂η]. For degree 1 they are those of the
 /// shape functions.
-std::array<std::array<double, 2>, max_trace> trace_gradients(FacetType type, int degree,
-                                                             std::array<double, 2> xi);
+inline std::array<std::array<double, 2>, max_trace> trace_gradients(FacetType type, int degree,
+                                                                    std::array<double, 2> xi)
+{
+  if (degree == 2)
+    return quadratic_gradients(type, xi);
+  const auto dN = shape_gradients(type, xi);
+  return {dN[0], dN[1], dN[2], dN[3]};
+}
 
 /// Second derivatives of trace_functions, [function][∂ξ∂ξ, ∂ξ∂η, ∂η∂η].
 std::array<std::array<double, 3>, max_trace> trace_curvatures(FacetType type, int degree,

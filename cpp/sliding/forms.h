@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <span>
+#include <vector>
 
 namespace qsdolfinx::forms
 {
@@ -215,6 +216,13 @@ struct Ray
     return row;
   }
 
+  /// Add the form c·v.
+  void add_form(const Columns& columns, const Normal& normal, const Vec3& c, double* row) const
+  {
+    add_to(columns, c, row);
+    normal.add_to(t * c, row + 3 * columns.along);
+  }
+
   std::array<double, max_trace> T, M;
   std::array<Vec2, max_trace> dM;
   std::array<Vec3, 2> a;
@@ -222,14 +230,38 @@ struct Ray
   double t, weight;
 };
 
-/// A ray, and the derivatives of its quantities by ξ.
+/// Number of coordinates on facets.
+inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
+} // namespace qsdolfinx::forms
+
+struct qsdolfinx::Rays
+{
+  Rays(const RayPair& facets, std::span<const RayPoint> starts)
+      : pair(facets), points(starts), normal(pair.along()), columns(pair)
+  {
+    all.reserve(points.size());
+    for (const RayPoint& point : points)
+      all.emplace_back(pair, normal, point);
+  }
+
+  RayPair pair;
+  std::span<const RayPoint> points;
+  forms::Normal normal; ///< along the rays
+  forms::Columns columns;
+  std::vector<forms::Ray> all; ///< [point]
+};
+
+namespace qsdolfinx::forms
+{
+/// Derivatives of the quantities of a ray by ξ.
 class RayByXi
 {
 public:
-  RayByXi(const RayPair& pair, const Normal& normal, const Columns& columns, const RayPoint& point)
-      : ray(pair, normal, point), pair_(pair), normal_(normal), columns_(columns),
-        dT_(trace_gradients(pair.cut.type, pair.cut.degree, point.xi))
+  RayByXi(const Rays& rays, std::size_t point)
+      : ray(rays.all[point]), normal_(rays.normal), columns_(rays.columns),
+        dT_(trace_gradients(rays.pair.cut.type, rays.pair.cut.degree, rays.points[point].xi))
   {
+    const RayPair& pair = rays.pair;
     const Vec3 origin = facet_vertex(pair.other.x, 0);
     const auto along = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT_);
     for (int a = 0; a < 2; ++a)
@@ -239,9 +271,9 @@ public:
     }
     if (pair.other.degree == 1 && pair.other.type != FacetType::quadrilateral)
       return; // the facet is straight
-    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, point.zeta);
+    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, rays.points[point].zeta);
     for (int a = 0; a < 2; ++a)
-      for (int j = 0; j < columns.num_other; ++j)
+      for (int j = 0; j < columns_.num_other; ++j)
       {
         const Vec3 x = facet_vertex(pair.other.x, j) - origin;
         const auto& [d11, d12, d22] = ddM[j];
@@ -256,32 +288,27 @@ public:
     return -1 * (dot(A, da[alpha][0]) * ray.A.zeta[0] + dot(A, da[alpha][1]) * ray.A.zeta[1]);
   }
 
-  /// Derivative of the form c·v by ξ_α. @param dc derivative of c
-  Row form(const Vec3& c, const Vec3& dc, int alpha) const
+  /// Add the derivative of the form c·v by ξ_α. @param dc derivative of c
+  void add_form(const Vec3& c, const Vec3& dc, int alpha, double* row) const
   {
-    Row out = ray.form(columns_, normal_, dc);
+    ray.add_form(columns_, normal_, dc, row);
     for (int i = 0; i < columns_.num_cut; ++i)
-      add(&out[3 * (columns_.cut + i)], dT_[i][alpha], c);
+      add(row + 3 * (columns_.cut + i), dT_[i][alpha], c);
     for (int j = 0; j < columns_.num_other; ++j)
-      add(&out[3 * (columns_.other + j)],
+      add(row + 3 * (columns_.other + j),
           -ray.dM[j][0] * dzeta[alpha][0] - ray.dM[j][1] * dzeta[alpha][1], c);
-    normal_.add_to(dt[alpha] * c, &out[3 * columns_.along]);
-    return out;
+    normal_.add_to(dt[alpha] * c, row + 3 * columns_.along);
   }
 
-  Ray ray;
+  const Ray& ray;
   Vec2 dt;
   std::array<Vec2, 2> dzeta;               ///< [α]
   std::array<std::array<Vec3, 2>, 2> da{}; ///< derivatives of the tangents, [α][β]
 
 private:
-  const RayPair& pair_;
   const Normal& normal_;
   const Columns& columns_;
   std::array<Vec2, max_trace> dT_;
 };
-
-/// Number of coordinates on facets.
-inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
 
 } // namespace qsdolfinx::forms

@@ -1,5 +1,6 @@
 #include "sliding/motion.h"
 #include "geometry/outer.h"
+#include "geometry/processors.h"
 #include "sliding/forms.h"
 
 #include <algorithm>
@@ -144,7 +145,8 @@ private:
     const Vec3 origin = facet_vertex(cut_.x, 0);
     const auto t = forms::tangents(chord, origin, dN);
     const Vec3 s = cross(t[0], t[1]);
-    const double square = dot(s, s), r = point_of(chord, Vec3{}, point.xi)[0];
+    const double square = dot(s, s),
+                 r = shape_.axisymmetric ? point_of(chord, Vec3{}, point.xi)[0] : 0;
     const Vec3 first = (1 / square) * cross(t[1], s), second = (1 / square) * cross(s, t[0]);
     for (int i = 0; i < cut_vertices(); ++i)
     {
@@ -341,59 +343,9 @@ private:
   std::size_t first_;
   std::vector<double>& velocity_; ///< of these, from `first_` on
 };
-
-/// Products of linear forms with the motion of the points of a piece. Points have few corners, and
-/// their forms are added for each corner before they are multiplied by its velocity.
-class Moved
-{
-public:
-  Moved(const RayPair& pair, const PieceMotion& motion)
-      : motion_(motion), n_(3 * static_cast<std::size_t>(pair.num_nodes())),
-        dim_(static_cast<std::size_t>(dim_of(pair))),
-        of_vertices_(3 * static_cast<std::size_t>(pair.cut.num_vertices())),
-        first_(3 * static_cast<std::size_t>(Columns(pair).cut)), of_corners_(motion.velocity.size())
-  {
-  }
-
-  /// @param forms that are multiplied by δξ₁, δξ₂ and δ ln w of the point
-  void add_point(std::size_t p, const std::array<Row, 3>& forms)
-  {
-    const auto& [corner, by_corner, by_vertex] = motion_.points[p];
-    for (std::size_t b = 0; b <= dim_; ++b)
-      for (std::size_t d = 0; d < dim_; ++d)
-      {
-        double* to = &of_corners_[(corner[b] * dim_ + d) * n_];
-        const std::size_t k = 2 * b + d;
-        for (std::size_t i = 0; i < n_; ++i)
-          to[i] += by_corner[0][k] * forms[0][i] + by_corner[1][k] * forms[1][i]
-                   + by_corner[2][k] * forms[2][i];
-      }
-    for (std::size_t a = 0; a < 3; ++a)
-    {
-      left_.insert(left_.end(), forms[a].begin(), forms[a].begin() + n_);
-      right_.insert(right_.end(), by_vertex[a].begin(), by_vertex[a].begin() + of_vertices_);
-    }
-  }
-
-  /// @param out [column][column]
-  void add_to(std::span<double> out) const
-  {
-    add_outer_products(of_corners_, motion_.velocity, {}, n_, n_, out.data());
-    std::array<double, max_columns * 3 * 4> own{};
-    add_outer_products(left_, right_, {}, n_, of_vertices_, own.data());
-    for (std::size_t i = 0; i < n_; ++i)
-      for (std::size_t j = 0; j < of_vertices_; ++j)
-        out[i * n_ + first_ + j] += own[i * of_vertices_ + j];
-  }
-
-private:
-  const PieceMotion& motion_;
-  std::size_t n_, dim_, of_vertices_, first_;
-  std::vector<double> of_corners_;   ///< sums of forms, [corner][direction][column]
-  std::vector<double> left_, right_; ///< products with motions of the facet's vertices
-};
 } // namespace
 
+QSDOLFINX_FOR_PROCESSORS
 void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
                                std::span<const RayPoint> points, std::vector<double>& velocity,
                                std::vector<PointMotion>& motions)
@@ -403,63 +355,34 @@ void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
     motions.push_back(motion.of(p, points[p]));
 }
 
-void qsdolfinx::add_motion(const RayPair& pair, const PieceMotion& motion, std::size_t point,
-                           const std::array<double, 3>& factors, std::span<double> row)
+QSDOLFINX_FOR_PROCESSORS
+void qsdolfinx::add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
+                                      std::span<double> forms)
 {
-  const auto& [corner, by_corner, by_vertex] = motion.points[point];
-  const auto dim = static_cast<std::size_t>(dim_of(pair)), size = row.size();
-  const auto sum = [&](const auto& by, std::size_t k)
-  { return factors[0] * by[0][k] + factors[1] * by[1][k] + factors[2] * by[2][k]; };
-  std::array<double, 6> factor{};
-  std::array<const double*, 6> velocity;
-  for (std::size_t k = 0; k < 6; ++k) // in 2D some factors are 0
-  {
-    factor[k] = sum(by_corner, k);
-    velocity[k] = &motion.velocity[(corner[k / 2] * dim + k % dim) * size];
-  }
-  for (std::size_t i = 0; i < size; ++i)
-    row[i] += factor[0] * velocity[0][i] + factor[1] * velocity[1][i] + factor[2] * velocity[2][i]
-              + factor[3] * velocity[3][i] + factor[4] * velocity[4][i]
-              + factor[5] * velocity[5][i];
-  const auto first = 3 * static_cast<std::size_t>(Columns(pair).cut);
-  for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(pair.cut.num_vertices()); ++i)
-    row[first + i] += sum(by_vertex, i);
-}
-
-void qsdolfinx::add_motion_of_points(const RayPair& pair, const PieceMotion& motion,
-                                     std::span<const RayPoint> points,
-                                     std::span<const double> pressure, std::span<double> hessian)
-{
-  const Normal normal(pair.cut);
-  const Columns columns(pair);
-  Moved moved(pair, motion);
-  for (std::size_t p = 0; p < points.size(); ++p)
+  const std::size_t stride = forms.size() / (3 * rays.points.size());
+  for (std::size_t p = 0; p < rays.points.size(); ++p)
   {
     if (pressure[p] == 0)
       continue;
-    const RayByXi at(pair, normal, columns, points[p]);
-    const double force = points[p].weight * pressure[p];
+    const RayByXi at(rays, p);
+    const double force = rays.points[p].weight * pressure[p];
     const Vec3 c = -force * at.ray.A.t;
-    moved.add_point(p, {at.form(c, -force * at.change_of(at.ray.A.t, 0), 0),
-                        at.form(c, -force * at.change_of(at.ray.A.t, 1), 1),
-                        at.ray.form(columns, normal, c)});
+    double* to = &forms[3 * p * stride];
+    for (int a = 0; a < 2; ++a, to += stride)
+      at.add_form(c, -force * at.change_of(at.ray.A.t, a), a, to);
+    at.ray.add_form(rays.columns, rays.normal, c, to);
   }
-  moved.add_to(hessian);
 }
 
-void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceMotion& motion,
-                                          std::span<const RayPoint> points,
-                                          std::span<const double> traction,
-                                          std::span<double> hessian)
+void qsdolfinx::add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
+                                           std::span<double> forms)
 {
-  const Normal normal(pair.cut);
-  const Columns columns(pair);
-  const int dim = dim_of(pair);
-  Moved moved(pair, motion);
-  for (std::size_t p = 0; p < points.size(); ++p)
+  const int dim = dim_of(rays.pair);
+  const std::size_t stride = forms.size() / (3 * rays.points.size());
+  for (std::size_t p = 0; p < rays.points.size(); ++p)
   {
-    const RayByXi at(pair, normal, columns, points[p]);
-    const double w = (pair.cut_is_slave ? 1 : -1) * points[p].weight;
+    const RayByXi at(rays, p);
+    const double w = (rays.pair.cut_is_slave ? 1 : -1) * rays.points[p].weight;
     const Vec3 force = w * facet_vertex(traction, static_cast<int>(p));
     const auto& A = at.ray.A.zeta;
     Vec3 c{};
@@ -471,8 +394,42 @@ void qsdolfinx::add_slip_motion_of_points(const RayPair& pair, const PieceMotion
       for (int a = 0; a < dim; ++a)
         dc[a] = dc[a] + dot(force, at.da[a][b]) * A[b] + s * at.change_of(A[b], a);
     }
-    moved.add_point(p,
-                    {at.form(c, dc[0], 0), at.form(c, dc[1], 1), at.ray.form(columns, normal, c)});
+    double* to = &forms[3 * p * stride];
+    for (int a = 0; a < 2; ++a, to += stride)
+      at.add_form(c, dc[a], a, to);
+    at.ray.add_form(rays.columns, rays.normal, c, to);
   }
-  moved.add_to(hessian);
+}
+
+QSDOLFINX_FOR_PROCESSORS
+void qsdolfinx::add_moved(const RayPair& pair, const PieceMotion& motion,
+                          std::span<const double> forms, std::span<double> out)
+{
+  // Points have few corners: forms are summed for each corner before they are multiplied by its
+  // velocity.
+  const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
+             dim = static_cast<std::size_t>(dim_of(pair)), num_points = motion.points.size(),
+             rows = forms.size() / (3 * num_points),
+             of_vertices = 3 * static_cast<std::size_t>(pair.cut.num_vertices()),
+             first = 3 * static_cast<std::size_t>(Columns(pair).cut);
+  std::vector<double> of_corners(motion.velocity.size() / n * rows),
+      right(3 * num_points * of_vertices);
+  for (std::size_t p = 0; p < num_points; ++p)
+  {
+    const auto& [corner, by_corner, by_vertex] = motion.points[p];
+    const double *by_xi = &forms[3 * p * rows], *by_eta = by_xi + rows, *by_weight = by_eta + rows;
+    for (std::size_t b = 0; b <= dim; ++b)
+      for (std::size_t d = 0; d < dim; ++d)
+      {
+        double* to = &of_corners[(corner[b] * dim + d) * rows];
+        const std::size_t k = 2 * b + d;
+        for (std::size_t i = 0; i < rows; ++i)
+          to[i] += by_corner[0][k] * by_xi[i] + by_corner[1][k] * by_eta[i]
+                   + by_corner[2][k] * by_weight[i];
+      }
+    for (std::size_t a = 0; a < 3; ++a)
+      std::copy_n(by_vertex[a].begin(), of_vertices, &right[(3 * p + a) * of_vertices]);
+  }
+  add_outer_products(of_corners, motion.velocity, {}, rows, n, out.data(), rows);
+  add_outer_products(forms, right, {}, rows, of_vertices, out.data() + first, rows);
 }

@@ -64,22 +64,19 @@ struct PieceMotion
 void append_motions(const RayPair& pair, const PieceShape& shape, std::span<const RayPoint> points,
                     std::vector<double>& velocity, std::vector<PointMotion>& motions);
 
-/// Add the motions of a point, δξ₁, δξ₂ and δ ln w, times factors. @param row added, [node][3]
-void add_motion(const RayPair& pair, const PieceMotion& motion, std::size_t point,
-                const std::array<double, 3>& factors, std::span<double> row);
+/// Add the derivatives of w_p p_p ∂g_p by ξ₁, ξ₂ and ln w for constant p_p, nodes fixed.
+/// @param pressure p_p, [point] @param forms added, [point][3][stride], the nodes first
+void add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
+                           std::span<double> forms);
 
-/// Add the contribution of the motion of points to the derivative of Σ_p w_p p_p ∂g_p for constant
-/// p_p. The rest of this derivative is for fixed ξ and w.
-/// @param pressure p_p, [point] @param hessian [node][3][node][3], rows are those of ∂g_p; not
-/// symmetric
-void add_motion_of_points(const RayPair& pair, const PieceMotion& motion,
-                          std::span<const RayPoint> points, std::span<const double> pressure,
-                          std::span<double> hessian);
+/// Add the same derivatives of w_p τ_p·(variation that tractions work on), see RaySlip::works.
+/// @param traction τ_p, [point][3]
+void add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
+                                std::span<double> forms);
 
-/// Add the same contribution for Σ_p w_p τ_p·(variation that tractions work on), see
-/// RaySlip::works. @param traction τ_p, [point][3]
-void add_slip_motion_of_points(const RayPair& pair, const PieceMotion& motion,
-                               std::span<const RayPoint> points, std::span<const double> traction,
-                               std::span<double> hessian);
+/// Add Σ_p (form_ξ₁ δξ₁ + form_ξ₂ δξ₂ + form_w δ ln w) of points that move.
+/// @param forms [point][3][row] @param out [row][row]; the first columns are those of the nodes
+void add_moved(const RayPair& pair, const PieceMotion& motion, std::span<const double> forms,
+               std::span<double> out);
 
 } // namespace qsdolfinx

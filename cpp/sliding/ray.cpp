@@ -1,5 +1,6 @@
 #include "sliding/ray.h"
 #include "geometry/outer.h"
+#include "geometry/processors.h"
 #include "sliding/forms.h"
 
 #include <algorithm>
@@ -126,20 +127,18 @@ private:
 class HalfHessian
 {
 public:
-  /// @param points how many there may be
-  HalfHessian(const RayPair& pair, std::size_t points)
-      : pair_(pair), normal_(pair.along()), columns_(pair), n_(columns_.size()),
-        dim_(pair.other.type == FacetType::interval ? 1 : 2)
+  explicit HalfHessian(const Rays& rays)
+      : pair_(rays.pair), normal_(rays.normal), columns_(rays.columns), n_(columns_.size()),
+        dim_(dim_of(pair_))
   {
     std::fill_n(half_.begin(), n_ * n_, 0.0);
     for (auto* rows : {&left_, &right_})
-      rows->reserve(points * static_cast<std::size_t>(dim_ * n_));
+      rows->reserve(rays.points.size() * static_cast<std::size_t>(dim_ * n_));
   }
 
   /// Add the terms of w p g with δζ, and the sums needed for the terms with δn.
-  void add_point(const RayPoint& point, const Pressure& L)
+  void add_point(const RayPoint& point, const Ray& ray, const Pressure& L)
   {
-    const Ray ray(pair_, normal_, point);
     const RayForms forms(ray, columns_, normal_, dim_);
     add_second_variation(ray, point.zeta, forms, ray.of_gap(L.value, L.slope), L);
   }
@@ -157,7 +156,7 @@ public:
   void add_sums()
   {
     const auto n = static_cast<std::size_t>(n_);
-    add_outer_products(left_, right_, {}, n, n, half_.data());
+    add_outer_products(left_, right_, {}, n, n, half_.data(), n);
     const int first = 3 * columns_.along, count = 3 * normal_.num_vertices();
     Row area{};
     normal_.add_area(normal_.n(), &area[first]);
@@ -222,8 +221,8 @@ private:
   }
 
   const RayPair& pair_;
-  Normal normal_;
-  Columns columns_;
+  const Normal& normal_;
+  const Columns& columns_;
   int n_, dim_;
   Vec3 lever_{};
   std::array<Row, 3> with_normal_{};
@@ -324,17 +323,18 @@ void qsdolfinx::normal_gradient(const RayPair& pair, std::span<double> out)
   }
 }
 
-void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> points,
-                              std::span<double> out, std::span<double> slopes)
+QSDOLFINX_FOR_PROCESSORS
+void qsdolfinx::gap_gradients(const Rays& rays, std::span<double> out, std::span<double> slopes,
+                              bool raised)
 {
-  const Normal normal(pair.along());
-  const Columns columns(pair);
+  const auto& [pair, points, normal, columns, all] = rays;
   const auto size = static_cast<std::size_t>(columns.size());
+  std::ranges::fill(out, 0.0);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
-    const Ray ray(pair, normal, points[p]);
-    const Row row = ray.form(columns, normal, ray.of_gap(1, lift_of(pair, points[p].zeta).slope));
-    std::copy_n(row.begin(), size, out.subspan(p * size).begin());
+    const Ray& ray = all[p];
+    const Vec2 slope = raised ? lift_of(pair, points[p].zeta).slope : Vec2{};
+    ray.add_form(columns, normal, ray.of_gap(1, slope), &out[p * size]);
     if (slopes.empty())
       continue;
     const auto along = tangents_at(pair.cut, points[p].xi);
@@ -343,40 +343,43 @@ void qsdolfinx::gap_gradients(const RayPair& pair, std::span<const RayPoint> poi
   }
 }
 
-void qsdolfinx::slave_places(const RayPair& pair, std::span<const RayPoint> points,
-                             std::span<double> gradients, std::span<double> slopes)
+void qsdolfinx::slave_places(const Rays& rays, std::span<double> gradients,
+                             std::span<double> slopes)
 {
-  const Normal normal(pair.along());
-  const Columns columns(pair);
+  const auto& [pair, points, normal, columns, all] = rays;
+  std::ranges::fill(gradients, 0.0);
   const auto size = static_cast<std::size_t>(columns.size());
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     double* slope = &slopes[4 * p];
     if (pair.cut_is_slave)
     {
-      std::ranges::fill(gradients.subspan(2 * p * size, 2 * size), 0.0);
       std::ranges::copy(std::array<double, 4>{1, 0, 0, 1}, slope);
       continue;
     }
-    const Ray ray(pair, normal, points[p]);
+    const Ray& ray = all[p];
     const auto along = tangents_at(pair.cut, points[p].xi);
     for (std::size_t i = 0; i < 2; ++i)
     {
-      const Row row = ray.form(columns, normal, ray.A.zeta[i]);
-      std::copy_n(row.begin(), size, gradients.subspan((2 * p + i) * size).begin());
+      ray.add_form(columns, normal, ray.A.zeta[i], &gradients[(2 * p + i) * size]);
       for (std::size_t a = 0; a < 2; ++a)
         slope[2 * i + a] = dot(ray.A.zeta[i], along[a]);
     }
   }
 }
 
-void qsdolfinx::add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
-                                        std::span<const double> pressure, std::span<double> hessian)
+QSDOLFINX_FOR_PROCESSORS
+void qsdolfinx::add_curvature_of_points(const Rays& rays, std::span<const double> pressure,
+                                        std::span<double> hessian)
 {
-  HalfHessian half(pair, points.size());
-  for (std::size_t p = 0; p < points.size(); ++p)
+  HalfHessian half(rays);
+  for (std::size_t p = 0; p < rays.points.size(); ++p)
+  {
+    const RayPoint& point = rays.points[p];
     if (pressure[p] != 0)
-      half.add_point(points[p], {points[p].weight * pressure[p], lift_of(pair, points[p].zeta)});
+      half.add_point(point, rays.all[p],
+                     {point.weight * pressure[p], lift_of(rays.pair, point.zeta)});
+  }
   half.add_sums();
   half.add_to(hessian);
 }
@@ -431,11 +434,9 @@ double arc_of_turn(const Frame& then, const Vec3& other_then, const Frame& now,
 }
 } // namespace
 
-void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
-                               std::span<const RayPoint> points, const RaySlip& out)
+void qsdolfinx::slip_of_points(const Rays& rays, const RayStart& start, const RaySlip& out)
 {
-  const Normal normal(pair.along());
-  const Columns columns(pair);
+  const auto& [pair, points, normal, columns, all] = rays;
   const RayFacet cut = moved_to(pair.cut, start.cut), other = moved_to(pair.other, start.other);
   const RayFacet along = moved_to(pair.along(), pair.along_other ? start.other : start.cut);
   const Vec3 n_then = Normal(along).n();
@@ -455,7 +456,7 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const RayPoint& point = points[p];
-    const Ray ray(pair, normal, point);
+    const Ray& ray = all[p];
     const Vec3 d = point_of(cut, origin, point.xi) - point_of(other, origin, point.zeta);
     const Vec2 s{-sign * dot(across[0], d), dim == 2 ? -sign * dot(across[1], d) : 0.0};
     const Vec3 slip = s[0] * now.e[0] + s[1] * now.e[1], n = sign * normal.n();
@@ -506,21 +507,19 @@ void qsdolfinx::slip_of_points(const RayPair& pair, const RayStart& start,
   }
 }
 
-void qsdolfinx::add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
-                                             std::span<const double> traction,
+void qsdolfinx::add_slip_curvature_of_points(const Rays& rays, std::span<const double> traction,
                                              std::span<double> hessian)
 {
-  const Normal normal(pair.along());
-  const Columns columns(pair);
-  const int dim = pair.other.type == FacetType::interval ? 1 : 2, n = columns.size();
-  HalfHessian half(pair, points.size());
+  const auto& [pair, points, normal, columns, all] = rays;
+  const int dim = dim_of(pair), n = columns.size();
+  HalfHessian half(rays);
   for (std::size_t p = 0; p < points.size(); ++p)
   {
     const Vec3 tau = facet_vertex(traction, static_cast<int>(p));
     if (dot(tau, tau) == 0)
       continue;
     const RayPoint& point = points[p];
-    const Ray ray(pair, normal, point);
+    const Ray& ray = all[p];
     const RayForms forms(ray, columns, normal, dim);
     const Sliding sliding(pair, ray, tau);
     const RayLift lift = lift_of(pair, point.zeta);

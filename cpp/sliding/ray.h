@@ -67,6 +67,9 @@ struct RayPoint
   double t = 0;               ///< length along n: the gap is g = −t, positive in penetration
 };
 
+/// The rays of two facets with all that follows from their positions, see forms.h.
+struct Rays;
+
 /// Solve for the ends of the rays, ζ and t, starting from the given ζ. The functions below need
 /// them.
 /// @return whether all ends were found; t is NaN where the end was not found
@@ -81,20 +84,20 @@ void normal_gradient(const RayPair& pair, std::span<double> out);
 /// Gradients of the gaps of single points, ξ fixed; with a curved surface those of h − t. @param
 /// out [point][node][3]
 /// @param slopes derivatives by ξ, nodes fixed, [point][2]; empty if not needed
-void gap_gradients(const RayPair& pair, std::span<const RayPoint> points, std::span<double> out,
-                   std::span<double> slopes = {});
+/// @param raised whether a curved surface counts
+void gap_gradients(const Rays& rays, std::span<double> out, std::span<double> slopes = {},
+                   bool raised = true);
 
 /// Derivatives of the places of points on the slave, which are ξ or ζ.
 /// @param gradients by the nodes of both facets, ξ fixed, [point][2][node][3]; 0 if the slave is
 /// cut
 /// @param slopes by ξ, nodes fixed, [point][2][2]
-void slave_places(const RayPair& pair, std::span<const RayPoint> points,
-                  std::span<double> gradients, std::span<double> slopes);
+void slave_places(const Rays& rays, std::span<double> gradients, std::span<double> slopes);
 
 /// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. The matrix that is added is symmetric to the last bit.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]
-void add_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
-                             std::span<const double> pressure, std::span<double> hessian);
+void add_curvature_of_points(const Rays& rays, std::span<const double> pressure,
+                             std::span<double> hessian);
 
 /// Positions of the nodes of both facets when slip began, [node][3].
 struct RayStart
@@ -121,14 +124,13 @@ struct RaySlip
   std::span<double> gap;      ///< component of d₀ along n when slip began, positive in penetration,
                               ///< [point]
 };
-void slip_of_points(const RayPair& pair, const RayStart& start, std::span<const RayPoint> points,
-                    const RaySlip& out);
+void slip_of_points(const Rays& rays, const RayStart& start, const RaySlip& out);
 
 /// Add the derivative of Σ_p w_p τ_p·(variation that tractions work on), for constant tractions and
 /// fixed ξ and w.
 /// @param traction τ_p, [point][3] @param hessian [node][3][node][3], rows are those of this
 /// variation; not symmetric
-void add_slip_curvature_of_points(const RayPair& pair, std::span<const RayPoint> points,
-                                  std::span<const double> traction, std::span<double> hessian);
+void add_slip_curvature_of_points(const Rays& rays, std::span<const double> traction,
+                                  std::span<double> hessian);
 
 } // namespace qsdolfinx

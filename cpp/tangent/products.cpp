@@ -160,7 +160,7 @@ public:
     for (auto& [range, left, right, factor] : components_)
     {
       add_outer_products(left, right, factor, range.second - range.first, columns_.size(),
-                         values_.data() + range.first * columns_.size());
+                         values_.data() + range.first * columns_.size(), columns_.size());
       for (auto* of_points : {&left, &right, &factor})
         of_points->clear();
     }

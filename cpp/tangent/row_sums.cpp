@@ -77,36 +77,49 @@ void RowSums::sum()
   std::vector<std::int32_t> columns, found(known_.size() + 1); // of the current row, and one more
   std::vector<double> values, sums(known_.size(), 0.0);
   std::vector<char> is_found(known_.size(), 0);
-  for (std::size_t row = 0, i = 0; row < known_.size(); ++row)
+  std::size_t size = 0, before = 0; // columns; first part of the row before
+  for (std::size_t row = 0, first = 0; row < known_.size(); first = end[row++])
   {
-    if (i == end[row])
+    const auto own = std::span(order).subspan(first, end[row] - first);
+    if (own.empty())
       continue;
-    std::size_t size = 0;
-    for (; i < end[row]; ++i)
+    // The unknowns of a node have the same columns.
+    const auto of_part = [this](std::size_t i) { return parts_[i].columns; };
+    const bool same = first > 0
+                      && std::ranges::equal(own, std::span(order).subspan(before, first - before),
+                                            {}, of_part, of_part);
+    if (!same)
     {
-      const Part& part = parts_[order[i]];
-      const std::int32_t* column = &columns_[part.columns];
-      const double* value = &values_[part.values];
-      for (std::size_t j = 0; j < part.size; ++j)
-      {
-        const std::int32_t c = column[j];
-        if (c < 0)
-          continue;
-        sums[c] += value[j];
-        found[size] = c;
-        size += 1 - is_found[c];
-        is_found[c] = 1;
-      }
+      size = 0;
+      for (std::size_t i : own)
+        for (std::size_t j = 0; j < parts_[i].size; ++j)
+          if (const std::int32_t c = columns_[parts_[i].columns + j]; c >= 0)
+          {
+            found[size] = c;
+            size += 1 - is_found[c];
+            is_found[c] = 1;
+          }
+      for (std::size_t j = 0; j < size; ++j)
+        is_found[found[j]] = 0;
     }
-    parts.push_back({static_cast<std::int32_t>(row), columns.size(), columns.size(), size});
+    for (std::size_t i : own)
+    {
+      const std::int32_t* column = &columns_[parts_[i].columns];
+      const double* value = &values_[parts_[i].values];
+      for (std::size_t j = 0; j < parts_[i].size; ++j)
+        if (column[j] >= 0)
+          sums[column[j]] += value[j];
+    }
+    if (!same)
+      columns.insert(columns.end(), found.begin(),
+                     found.begin() + static_cast<std::ptrdiff_t>(size));
+    parts.push_back({static_cast<std::int32_t>(row), columns.size() - size, values.size(), size});
     for (std::size_t j = 0; j < size; ++j)
     {
-      const std::int32_t c = found[j];
-      columns.push_back(c);
-      values.push_back(sums[c]);
-      sums[c] = 0;
-      is_found[c] = 0;
+      values.push_back(sums[found[j]]);
+      sums[found[j]] = 0;
     }
+    before = first;
   }
   parts_.swap(parts);
   columns_.swap(columns);
@@ -180,8 +193,9 @@ void RowSums::set_pattern()
   std::iota(order.begin(), order.end(), 0);
   std::ranges::sort(order, {}, [this](std::int32_t i) { return known_[i]; });
   std::vector<std::size_t> end(known_.size() + 1, 0); // of the columns
-  for (std::int32_t column : columns_)
-    ++end[column + 1];
+  for (const Part& part : parts_)
+    for (std::size_t j = 0; j < part.size; ++j)
+      ++end[columns_[part.columns + j] + 1];
   std::partial_sum(end.begin(), end.end(), end.begin());
   std::vector<std::pair<PetscInt, double>> by_columns(values_.size()); // row, value
   PetscInt begin = 0, last = 0;
@@ -191,8 +205,9 @@ void RowSums::set_pattern()
   {
     const PetscInt row = known_[part.row] - begin;
     offset[row + 1] = static_cast<PetscInt>(part.size);
-    for (std::size_t j = part.columns; j < part.columns + part.size; ++j)
-      by_columns[end[columns_[j]]++] = {row, values_[j]}; // as in sum()
+    for (std::size_t j = 0; j < part.size; ++j)
+      by_columns[end[columns_[part.columns + j]]++]
+          = {row, values_[part.values + j]}; // as in sum()
   }
   std::partial_sum(offset.begin(), offset.end(), offset.begin());
   std::vector<PetscInt> next(offset), columns(values_.size());

@@ -52,7 +52,8 @@ private:
   KeyNumbers numbering_;
   std::vector<PetscInt> known_; ///< rows and columns in the order of their first appearance
   std::vector<Part> parts_;
-  std::vector<std::int32_t> columns_; ///< of each block: numbers in `known_`, or −1
+  std::vector<std::int32_t> columns_; ///< of each block, or of several summed rows: numbers in
+                                      ///< `known_`, or −1
   std::vector<double> values_;
   std::size_t num_summed_ = 0; ///< values after the last sum
 };

@@ -281,11 +281,26 @@ class Slip:
             reached: As for :meth:`known`.
             penalty: γ_t: the trial is τ_h + γ_t g.
         """
-        if self.state.begun is None or self._normal is None:
+        leaning = self.leaning(elastic, reached, penalty)
+        if leaning is None or self.state.begun is None:
             return Changes(self.operator)
-        flat = self._reached(elastic, reached) / penalty + self._jump
-        leaning = np.sum(self._normal * flat, axis=1)
         return self.gap.moving_slip(self.state.begun, leaning)
+
+    @property
+    def at_points(self) -> SlipAtPoints | None:
+        """Slip at points at the last evaluation, with updated geometry; None before a step."""
+        begun = self.state.begun
+        return None if begun is None else self.gap.slip_at_points(begun)
+
+    def leaning(self, elastic: float, reached: Array, penalty: float) -> Array | None:
+        """Components of τ_h/γ_t and of the relative displacement along normals, (rows,).
+
+        None if slips do not turn. Arguments as for :meth:`moving`. Collective.
+        """
+        if self.state.begun is None or self._normal is None:
+            return None
+        flat = self._reached(elastic, reached) / penalty + self._jump
+        return np.asarray(np.sum(self._normal * flat, axis=1))
 
     @property
     def slave(self) -> Surface:

@@ -13,11 +13,10 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
 from qsdolfinx.gap.following import (
     Alone,
-    Changes,
     Destination,
     Found,
-    MovingFunctions,
     Places,
+    PointState,
     SlipAtPoints,
     Vecs,
     sides_of,
@@ -120,6 +119,8 @@ class FacetCutter:
         finder: Finds the points.
     """
 
+    has_segments = True
+
     def __init__(self, slave: Surface, master: AnySurface, finder: Finder) -> None:
         self._surfaces = slave, master
         self._slave, self._master = slave.cpp_object, master.cpp_object
@@ -175,11 +176,6 @@ class FacetCutter:
             far=alone.far,
         )
 
-    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
-        """See :class:`Cutter`."""
-        operator = _cpp.GapOperator(self._master, moving=found.of_cutter, weight=alone.weight)
-        return Changes(operator)
-
     def _add_turning(
         self,
         found: Found,
@@ -219,65 +215,56 @@ class FacetCutter:
             weight=alone.weight,
         )
 
-    def add_curvature_of_points(
+    def function_sides(self, found: Found) -> Indices:
+        """See :class:`Cutter`."""
+        return np.asarray(found.of_cutter.side_dofs()).ravel()
+
+    def add_point_forces(
         self,
         found: Found,
-        pressure: Array,
-        moves: bool,
+        state: PointState,
+        fields: list[PETSc.Vec | None],
         markers: Vecs,
         to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
-        self._add_curvature(found, np.ascontiguousarray(pressure), moves, markers, to)
-
-    def _add_curvature(
-        self, found: Found, stress: Array, moves: bool, markers: Vecs, to: Destination
-    ) -> None:
-        """Add the change of forces at constant pressures or tractions at points. Collective."""
-        numbers = _numbers(found, markers, to)
-        _cpp.add_curvature(to.sums, found.of_cutter, stress, moves, numbers, to.scale)
-        if moves:
-            self._add_turning(found, stress, markers, to)
-
-    def moving_functions(
-        self,
-        found: Found,
-        alone: Alone,
-        field: PETSc.Vec,
-        rest: Array,
-        moves: bool,
-        markers: Vecs,
-        turning: tuple[Array, int] | None,
-    ) -> MovingFunctions | None:
-        """See :class:`Cutter`."""
-        if self._are_constant and turning is None:
-            return None
-        pieces = found.of_cutter
-        handles = [handle_of(vec) for vec in markers]
-        if found.vertices is not None:  # tractions turn, with Σ_k N_k = 1
-            field, rest, moves = field.duplicate(), np.zeros_like(rest), False
-        rest, component = np.ascontiguousarray(rest), 0
-        vectors: Array = np.zeros((0, 3))
-        if turning is not None:
-            vectors, component = _in_space(turning[0]), turning[1]
-        functions = _cpp.FunctionsOfPieces(
-            pieces, field.handle, rest, moves, handles, vectors, component
+        rest, own, none = state.rest, found.vertices is not None, np.zeros(0)
+        if self._are_constant:  # τ turns, with Σ_k N_k = 1
+            first = len(fields) if own else 1
+            fields = [None] * first + fields[first:]
+            rest = np.where(np.arange(rest.shape[1]) < first, 0.0, rest)
+        traction, turning = (
+            none if of is None else _in_space(of) for of in (state.traction, state.turning)
         )
-        operator = _cpp.GapOperator(
-            self._master,
-            points_of=pieces,
-            functions=functions,
-            weight=alone.weight,
+        leaning = none if state.leaning is None else np.ascontiguousarray(state.leaning)
+        _cpp.add_point_forces(
+            to.sums,
+            found.of_cutter,
+            None if state.slip is None else state.slip.of_cutter,
+            factors=state.factors,
+            derivatives=[np.ascontiguousarray(of) for of in (state.by_trial, state.by_own)],
+            values=[
+                np.ascontiguousarray(state.pressure),
+                traction,
+                np.ascontiguousarray(rest),
+                turning,
+                leaning,
+            ],
+            fields=[handle_of(vec) for vec in fields],
+            moves=state.moves,
+            gaps_move=state.gaps_move,
+            function_rows=state.function_rows,
+            functions=state.functions,
+            own=own,
+            numbers=_numbers(found, markers, to),
+            scale=to.scale,
+            tool=to.tool,
+            way=to.way,
         )
-        mixed = [functions.entries(side) for side, vec in enumerate(markers) if vec is not None]
-        if found.vertices is not None:
-            field.destroy()
-            point = np.arange(len(found.vertices.found), dtype=np.int64)
-            mixed = [
-                (np.repeat(point, len(column) // max(len(point), 1)), column, value)
-                for _, column, value in mixed
-            ]
-        return MovingFunctions(operator, mixed)
+        if state.moves:
+            self._add_turning(found, np.ascontiguousarray(state.pressure), markers, to)
+            if state.traction is not None:
+                self._add_turning(found, traction, markers, to)
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places
@@ -315,30 +302,6 @@ class FacetCutter:
         gap = np.concatenate([np.asarray(slips.gap), np.full(count, -alone.far)])
         return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, slips)
 
-    def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
-    ) -> Changes:
-        """See :class:`Cutter`."""
-        operator = _cpp.GapOperator(
-            self._master,
-            found.of_cutter,
-            slip.of_cutter,
-            leaning=np.ascontiguousarray(leaning),
-            weight=alone.weight,
-        )
-        return Changes(operator)
-
-    def add_slip_curvature_of_points(
-        self,
-        found: Found,
-        traction: Array,
-        moves: bool,
-        markers: Vecs,
-        to: Destination,
-    ) -> None:
-        """See :class:`Cutter`."""
-        self._add_curvature(found, _in_space(traction), moves, markers, to)
-
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
         return np.asarray(found.of_cutter.x()), np.asarray(found.of_cutter.gaps())
@@ -361,7 +324,7 @@ class FacetCutter:
 
 
 def _numbers(found: Found, markers: Vecs, to: Destination) -> list[Indices]:
-    """Numbers of the segments' unknowns on both sides, see ``cpp/tangent/curvature.h``.
+    """Numbers of the segments' unknowns on both sides, see ``cpp/tangent/point_forces.h``.
 
     Collective.
     """

@@ -121,19 +121,50 @@ class Changes(typing.NamedTuple):
     beside: tuple[int, PETSc.Mat] | None = None
 
 
-class MovingFunctions(typing.NamedTuple):
-    """Derivatives of functions of the slave's nodes at points that move along its facets.
+#: For each body, derivatives of Σ_p w_p r_p N_k of functions of the slave's nodes, since areas and
+#: tangent planes change: unknowns of the slave that represent patches of nodes, unknowns of the
+#: body (−1 at Dirichlet conditions), and values.
+Mixed = list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
+
+
+class PointState(typing.NamedTuple):
+    """State of constraints at points of segments, see ``PointState`` in cpp/tangent/point_forces.h.
+
+    Components are the pressure, and with friction those of the traction.
 
     Attributes:
-        operator: Derivative of Σ_k λ_k N_k at the points, which are its rows.
-        mixed: For each body, the derivative of Σ_p w_p r_p N_k due to the motion of functions and
-            points: unknowns of the slave that represent patches of nodes, unknowns of the body (−1
-            at Dirichlet conditions), and values. For points with multipliers of their own, the
-            points take the place of the first unknowns.
+        factors: γ_c, a_c, and the factor of N_k in R_λ, each (components,).
+        by_trial: Weighted derivative of stresses by trials, (rows, components, components).
+        by_own: Weighted derivative of r by multipliers, (rows, components); empty without any.
+        pressure: Pressures, held constant, (rows,).
+        traction: Tractions, held constant, (rows, gdim); None without friction.
+        rest: r in Σ_p w_p N_k r_p of R_λ and R_τ, (rows, components).
+        turning: Vectors of which r are components, and which stay in the plane of the facet from
+            which the rays start, (rows, gdim); None if there are none.
+        leaning: l_p (length) in the derivative −l_p δn of slips, (rows,); None without.
+        fields: λ and the components of τ at the smooth patches of nodes, (nodes, block); None for
+            components without multipliers.
+        slip: Slip at the points; None without friction.
+        moves: Whether points move on their facets.
+        gaps_move: Whether gaps and slips change with this motion.
+        function_rows: Row of each function of the segments, then of points without a partner.
+        functions: Factors of unknowns in the values of the functions, for each component.
     """
 
-    operator: _cpp.GapOperator
-    mixed: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
+    factors: tuple[Array, Array, Array]
+    by_trial: Array
+    by_own: Array
+    pressure: Array
+    traction: Array | None
+    rest: Array
+    turning: Array | None
+    leaning: Array | None
+    fields: list[Array | None]
+    slip: SlipAtPoints | None
+    moves: bool
+    gaps_move: bool
+    function_rows: npt.NDArray[np.int64]
+    functions: list[_cpp.CompressedRows]
 
 
 class Destination(typing.NamedTuple):
@@ -144,11 +175,15 @@ class Destination(typing.NamedTuple):
         numbers: Functions that map global unknowns of the slave's body, and of the master's unless
             it is a tool, to their numbers among all unknowns; −1 stays −1.
         scale: Displacement per unknown of both bodies.
+        tool: Number of the displacement of a force-controlled tool; −1 without.
+        way: Motion of the tool per displacement.
     """
 
     sums: _cpp.RowSums
     numbers: typing.Sequence[typing.Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]]]
     scale: tuple[float, float]
+    tool: int = -1
+    way: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Cutter(typing.Protocol):
@@ -156,9 +191,11 @@ class Cutter(typing.Protocol):
 
     Attributes:
         are_own: Whether points are vertices of the slave, each with a multiplier of its own.
+        has_segments: Whether it is an :class:`OfSegments`, or else an :class:`OfSamples`.
     """
 
     are_own: bool
+    has_segments: bool
 
     def node_area(self, places: Places) -> Array:
         """S_k of the slave at these positions. Collective."""
@@ -181,19 +218,51 @@ class Cutter(typing.Protocol):
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """Derivative of the gaps at these points; its rows are the points. Collective."""
 
-    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
-        """Derivative of the gaps with moving points and changing heights. Collective.
+    def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
+        """Operator of x_slave − x_master for points fixed on their facets. Collective."""
 
-        None if neither points move nor heights change.
+    def slip_at_points(
+        self, found: Found, places: Places, alone: Alone, start: Places
+    ) -> SlipAtPoints:
+        """Slip at these points relative to the positions at the start. Collective."""
+
+    def points(self, found: Found) -> tuple[Array, Array]:
+        """Points on this rank, (points, 3), and their gaps along the rays, positive if open."""
+
+    def pairing_points(self, found: Found) -> _cpp.PairingPoints:
+        """Contact quadrature points for other fields on the facets, without normals."""
+
+    def facet_sizes(self, found: Found) -> Array:
+        """Size (length) of the slave's facet at each of these points."""
+
+
+class OfSegments(Cutter, typing.Protocol):
+    """Points of segments of facets, which move on the facets with the segments."""
+
+    def function_sides(self, found: Found) -> npt.NDArray[np.int64]:
+        """Unknowns that represent the patches of the segments' functions, (segments · n,)."""
+
+    def add_point_forces(
+        self,
+        found: Found,
+        state: PointState,
+        fields: list[PETSc.Vec | None],
+        markers: Vecs,
+        to: Destination,
+    ) -> None:
+        """Add the derivative of forces and of R_λ and R_τ at the points. Collective.
 
         Args:
             found: Contact pairs at these positions.
-            alone: Points without a partner.
-            markers: As for :meth:`add_curvature_of_points`.
+            state: State of the points.
+            fields: ``state.fields`` as vectors of the slave's body.
+            markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
+            to: Destination of the derivatives.
         """
 
-    def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
-        """Operator of x_slave − x_master for points fixed on their facets. Collective."""
+
+class OfSamples(Cutter, typing.Protocol):
+    """Points that are fixed on the slave's facets."""
 
     def add_curvature_of_points(
         self,
@@ -215,33 +284,22 @@ class Cutter(typing.Protocol):
             to: Destination of the derivatives.
         """
 
-    def moving_functions(
+    def mixed(
         self,
         found: Found,
-        alone: Alone,
-        field: PETSc.Vec,
         rest: Array,
-        moves: bool,
         markers: Vecs,
         turning: tuple[Array, int] | None,
-    ) -> MovingFunctions | None:
-        """Motion of a field of the slave's nodes along the facets; None without any. Collective.
+    ) -> Mixed | None:
+        """Change of Σ_p w_p r_p N_k with the facets; None without any. Collective.
 
         Args:
             found: Contact pairs at these positions.
-            alone: Points without a partner.
-            field: The field, with values at the smooth patches of nodes.
             rest: r_p, (rows,).
-            moves: Whether points move on their facets.
-            turning: Vectors, (rows, gdim), that stay in the plane of the facet from which the rays
-                start, and the number of their component that is r_p; None if there are none.
+            turning: Vectors, (rows, gdim), that stay in the tangent plane, and the number of their
+                component that is r_p; None if there are none.
             markers: As for :meth:`add_curvature_of_points`.
         """
-
-    def slip_at_points(
-        self, found: Found, places: Places, alone: Alone, start: Places
-    ) -> SlipAtPoints:
-        """Slip at these points relative to the positions at the start. Collective."""
 
     def moving_slip(
         self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
@@ -273,15 +331,6 @@ class Cutter(typing.Protocol):
             markers: As for :meth:`add_curvature_of_points`.
             to: Destination of the derivatives.
         """
-
-    def points(self, found: Found) -> tuple[Array, Array]:
-        """Points on this rank, (points, 3), and their gaps along the rays, positive if open."""
-
-    def pairing_points(self, found: Found) -> _cpp.PairingPoints:
-        """Contact quadrature points for other fields on the facets, without normals."""
-
-    def facet_sizes(self, found: Found) -> Array:
-        """Size (length) of the slave's facet at each of these points."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -465,7 +514,7 @@ class Following:
     def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> Changes:
         """Derivative of that slip with moving points, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        out = self._cutter.moving_slip(last.found, slip, last.alone, leaning, self._marked)
+        out = self._samples.moving_slip(last.found, slip, last.alone, leaning, self._marked)
         self._constrain(out.operator)
         return out
 
@@ -485,7 +534,7 @@ class Following:
             to: Destination of the derivatives.
         """
         assert self._marked is not None
-        self._cutter.add_slip_curvature_of_points(last.found, traction, moves, self._marked, to)
+        self._samples.add_slip_curvature_of_points(last.found, traction, moves, self._marked, to)
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
@@ -515,14 +564,32 @@ class Following:
             self._jump = last, out
         return self._jump[1]
 
-    def moving_gaps(self, last: Cut) -> Changes:
-        """Derivative of the gaps with points that move on their facets. Collective."""
+    @property
+    def has_segments(self) -> bool:
+        """Whether points are those of segments, with :meth:`add_point_forces`."""
+        return self._cutter.has_segments
+
+    @property
+    def _segments(self) -> OfSegments:
+        return typing.cast(OfSegments, self._cutter)
+
+    @property
+    def _samples(self) -> OfSamples:
+        return typing.cast(OfSamples, self._cutter)
+
+    def function_sides(self, last: Cut) -> npt.NDArray[np.int64]:
+        """Unknowns that represent the patches of functions, see :class:`PointState`."""
+        of_segments = self._segments.function_sides(last.found)
+        return np.concatenate([of_segments, last.alone.unknown])
+
+    def add_point_forces(self, last: Cut, state: PointState, to: Destination) -> None:
+        """Add the derivative of forces and of R_λ and R_τ at the points. Collective."""
         assert self._marked is not None
-        out = self._cutter.moving_gaps(last.found, last.alone, self._marked)
-        if out is None:
-            return Changes(last.operator)
-        self._constrain(out.operator)
-        return out
+        vecs = [None if field is None else self._vec_of_sides(field) for field in state.fields]
+        self._segments.add_point_forces(last.found, state, vecs, self._marked, to)
+        for vec in vecs:
+            if vec is not None:
+                vec.destroy()
 
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive if open."""
@@ -565,7 +632,7 @@ class Following:
             to: Destination of the derivatives.
         """
         assert self._marked is not None
-        self._cutter.add_curvature_of_points(last.found, pressure, moves, self._marked, to)
+        self._samples.add_curvature_of_points(last.found, pressure, moves, self._marked, to)
 
     def _vec_of_sides(self, field: Array) -> PETSc.Vec:
         """New vector of values of the smooth patches of owned nodes. Collective."""
@@ -573,32 +640,12 @@ class Following:
         vec.array[self._slave.node_dofs - vec.owner_range[0]] = field
         return vec
 
-    def moving_functions(
-        self,
-        last: Cut,
-        field: Array,
-        rest: Array,
-        moves: bool,
-        turning: tuple[Array, int] | None = None,
-    ) -> MovingFunctions | None:
-        """Motion of λ_h along the facets at the last evaluation; None without any. Collective.
-
-        Args:
-            last: The last evaluation.
-            field: λ of the smooth patches of nodes, (nodes, block).
-            rest: r_p, (rows,).
-            moves: Whether points move on their facets.
-            turning: As for :class:`Cutter`.
-        """
+    def mixed(
+        self, last: Cut, rest: Array, turning: tuple[Array, int] | None = None
+    ) -> Mixed | None:
+        """Change of Σ_p w_p r_p N_k with the facets, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        vec = self._vec_of_sides(field)
-        found = self._cutter.moving_functions(
-            last.found, last.alone, vec, rest, moves, self._marked, turning
-        )
-        vec.destroy()
-        if found is not None:
-            self._constrain(found.operator)
-        return found
+        return self._samples.mixed(last.found, rest, self._marked, turning)
 
 
 def _equal(a: Places, b: Places) -> bool:

@@ -16,7 +16,7 @@ from qsdolfinx.gap.following import (
     Changes,
     Destination,
     Found,
-    MovingFunctions,
+    Mixed,
     Places,
     SlipAtPoints,
     Vecs,
@@ -99,6 +99,7 @@ class ShapePoints:
         self, slave: Surface, tool: RigidSurface, radius: float, degree: int | None
     ) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
+        self.has_segments = False
         self.are_own = degree is None
         #: One facet vertex for each sharp node, (facets, vertices); None for points on facets.
         self._corners: Flags | None = None
@@ -232,10 +233,6 @@ class ShapePoints:
         points = self._paired(found, alone)
         return _cpp.GapOperator(self._slave.cpp_object, None, points, jump=False, rows=2)
 
-    def moving_gaps(self, found: Found, alone: Alone, markers: Vecs) -> Changes | None:
-        """See :class:`Cutter`: None, as the points are fixed on their facets."""
-        return None
-
     def jump_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
         """See :class:`Cutter`."""
         points = self._paired(found, alone)
@@ -264,16 +261,13 @@ class ShapePoints:
         _cpp.face_tool(points, kept.astype(np.uint8), normal, gap, len(self._w))
         return points.scaled(weight[kept])
 
-    def moving_functions(
+    def mixed(
         self,
         found: Found,
-        alone: Alone,
-        field: PETSc.Vec,
         rest: Array,
-        moves: bool,
         markers: Vecs,
         turning: tuple[Array, int] | None,
-    ) -> MovingFunctions | None:
+    ) -> Mixed | None:
         """See :class:`Cutter`; points are fixed, but their areas change with the facets."""
         at = found.of_cutter
         if self._corners is not None and turning is None:
@@ -289,10 +283,8 @@ class ShapePoints:
             value -= np.einsum("fp,pk,pj,fpc->fkjc", factor, self._N, self._T, turned)
         row = np.broadcast_to(self._dofs[some][:, :, None, None], value.shape)
         columns = np.broadcast_to(self._free(markers, some)[:, None], value.shape)
-        none = self._paired(found, alone, 0.0)
-        operator = _cpp.GapOperator(self._slave.cpp_object, None, none, jump=False, rows=2)
-        entries = tuple(np.ascontiguousarray(v).ravel() for v in (row, columns, value))
-        return MovingFunctions(operator, [entries])  # type: ignore[list-item]
+        row, columns, value = (np.ascontiguousarray(v).ravel() for v in (row, columns, value))
+        return [(row, columns.astype(np.int64), value)]
 
     def slip_at_points(
         self, found: Found, places: Places, alone: Alone, start: Places

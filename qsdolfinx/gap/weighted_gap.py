@@ -22,8 +22,9 @@ from qsdolfinx.gap.following import (
     Cut,
     Destination,
     Following,
-    MovingFunctions,
+    Mixed,
     Places,
+    PointState,
     SlipAtPoints,
 )
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
@@ -541,19 +542,33 @@ class WeightedGap:
         assert self.following is not None and self.cut is not None
         self.following.add_curvature_of_points(self.cut, self._share * pressure, moves, to)
 
-    def moving_functions(
-        self,
-        of_sides: Array,
-        rest: Array,
-        moves: bool,
-        turning: tuple[Array, int] | None = None,
-    ) -> MovingFunctions | None:
-        """Motion of λ_h along the facets at the last evaluation; None without any. Collective.
+    @property
+    def has_segments(self) -> bool:
+        """Whether the constraints are at points of segments, see ``Following``."""
+        return self.following is not None and self.following.has_segments
+
+    def add_point_forces(self, state: PointState, to: Destination) -> None:
+        """Add the derivative of forces, R_λ and R_τ at points of segments. Collective.
 
         Args:
-            of_sides: λ of the smooth patches of owned nodes, (nodes, block).
-            rest: r_p, see :class:`MovingFunctions`, (rows,).
-            moves: Whether points move on their facets.
+            state: State of the points, for stress without the share of this integration side.
+            to: Destination of the derivatives.
+        """
+        assert self.following is not None and self.cut is not None
+        share, traction, turning = self._share, state.traction, state.turning
+        state = state._replace(
+            pressure=share * state.pressure,
+            traction=None if traction is None else share * traction,
+            rest=share * state.rest,
+            turning=None if turning is None else share * turning,
+        )
+        self.following.add_point_forces(self.cut, state, to)
+
+    def mixed(self, rest: Array, turning: tuple[Array, int] | None = None) -> Mixed | None:
+        """Change of Σ_p w_p r_p N_k with the facets; None without any. Collective.
+
+        Args:
+            rest: r_p, (rows,).
             turning: Vectors that turn with the facets, (rows, gdim), and the number of their
                 component of which r_p is a part, up to terms that do not turn; None if there are
                 none.
@@ -562,9 +577,7 @@ class WeightedGap:
             return None
         if turning is not None:
             turning = self._share * turning[0], turning[1]
-        return self.following.moving_functions(
-            self.cut, of_sides, self._share * rest, moves, turning
-        )
+        return self.following.mixed(self.cut, self._share * rest, turning)
 
     def moving_slip(self, start: Places, leaning: Array) -> Changes:
         """Derivative of the slip since then, with moving points, and −l_p δn. Collective."""
@@ -582,21 +595,10 @@ class WeightedGap:
         self.state.allowance = allowance
         self.state.values = self.state.values + (before - self.allowance)[:, None]
 
-    def moving_gaps(self) -> Changes:
-        """Derivative of the gaps; for updated gaps with moving points on the facets. Collective."""
-        if self.following is None or self.cut is None:
-            return Changes(self.operator)
-        return self.following.moving_gaps(self.cut)
-
-    def change(self, field: Affine, operator: _cpp.GapOperator | None = None) -> Array:
-        """Change of ḡ when a rigid tool is displaced by this field. Collective.
-
-        Args:
-            field: The field.
-            operator: Operator to use instead of :attr:`operator`.
-        """
+    def change(self, field: Affine) -> Array:
+        """Change of ḡ when a rigid tool is displaced by this field. Collective."""
         r = affine_vec(self.slave, field) if self.tie is None else self.tie.of_tool(field)
-        out = -(operator or self.operator).apply(r.handle, 0)
+        out = -self.operator.apply(r.handle, 0)
         r.destroy()
         return out
 

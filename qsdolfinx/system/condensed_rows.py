@@ -13,7 +13,7 @@ from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Destination, MovingFunctions
+from qsdolfinx.gap.following import Destination, Mixed
 from qsdolfinx.gap.laws import Unilateral
 from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import PointRows
@@ -199,7 +199,6 @@ class PointConstraints(CondensedRows):
     def __init__(self, model: ContactModel, gap: WeightedGap) -> None:
         super().__init__(model, gap)
         self._is_unilateral = type(gap.law) is Unilateral
-        self._moving: tuple[Array, MovingFunctions | None] | None = None
         self.gamma: float = model.eps
         self._is_soft = False
         self._has: bool = model.has_multipliers_at_points
@@ -429,28 +428,31 @@ class PointConstraints(CondensedRows):
             return np.asarray(np.where(at.active, slope, 0.0)[:, None])
         return np.asarray(self.gamma * at.active[:, None])
 
-    def add_curvature(self, at: Normal, to: Destination) -> None:
-        """Add the change of forces at constant p_p, for updated geometry. Collective."""
+    def constant_pressure(self, at: Normal) -> Array:
+        """Pressures in the change of forces at constant p_p, (points,). Collective."""
         found = at.pressure[:, 0]
         if self.far and self._has:
             found = np.where(at.active, np.clip(self.at_points(at.multiplier)[:, 0], 0.0, found), 0)
-        self.gap.add_curvature_of_points(found, self.moves, to)
+        return found
 
-    def moving(self, at: Normal) -> MovingFunctions | None:
-        """Change of λ_h as points move along facets (finite sliding); None if constant. Collective.
+    def add_curvature(self, at: Normal, to: Destination) -> None:
+        """Add the change of forces at constant p_p, for updated geometry. Collective."""
+        self.gap.add_curvature_of_points(self.constant_pressure(at), self.moves, to)
+
+    def rest(self, at: Normal) -> Array:
+        """r_p of the terms Σ_p w_p N_k r_p of R_λ, (points,). Collective."""
+        change = at.pressure - self.at_points(at.multiplier)
+        return np.asarray(self.part / self.gamma * change[:, 0])
+
+    def mixed(self, at: Normal) -> Mixed | None:
+        """Change of R_λ with the facets at constant r_p; None if constant. Collective.
 
         Args:
             at: The points, at the last evaluation.
         """
         if not self._has or self.gap.following is None:
             return None
-        known = self._moving
-        if known is None or known[0] is not at.pressure:
-            change = at.pressure - self.at_points(at.multiplier)
-            rest = np.asarray(self.part / self.gamma * change[:, 0])
-            found = self.gap.moving_functions(self.on_sides(at.multiplier), rest, self.moves)
-            self._moving = known = at.pressure, found
-        return known[1]
+        return self.gap.mixed(self.rest(at))
 
     def softened(self, at: Normal) -> Array:
         """See ``NormalRows``. Collective.

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
-from qsdolfinx.gap.following import Changes, Destination, MovingFunctions
+from qsdolfinx.gap.following import Changes, Destination, Mixed
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
@@ -21,7 +21,7 @@ from qsdolfinx.system.entries import Entries, global_entries, joined
 from qsdolfinx.system.factors import Number, entries_of
 from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import OfTangential, Tangential
-from qsdolfinx.system.gap_matrices import GapMatrices, Gaps, Moving
+from qsdolfinx.system.gap_matrices import GapMatrices, Gaps
 from qsdolfinx.system.layout import Layout
 from qsdolfinx.system.normal_rows import NodalRows, Normal
 from qsdolfinx.system.passes import Pass, State
@@ -138,9 +138,12 @@ class Derivative:
     ) -> None:
         """Add the terms of constraints whose forces follow from gaps. Collective."""
         of_friction = None if p.rows.condensed_friction is None else at.tangential
+        if p.gap.has_segments:
+            matrices.add_at_segments(self._to(p, sums), at.normal, of_friction)
+            return
         matrices.add_to(sums, at.normal, of_friction)
         if p.gap.following is not None:
-            self._add_curvature(p, at, sums)
+            self._add_curvature(p, at, self._to(p, sums))
 
     def _softened(
         self, rows: ConstraintRows, first: int, at: Evaluated, exact: bool
@@ -234,18 +237,24 @@ class Derivative:
             mat.destroy()
         return found
 
-    def _add_curvature(self, p: Pass, at: Evaluated, sums: _cpp.RowSums) -> None:
+    def _to(self, p: Pass, sums: _cpp.RowSums) -> Destination:
+        """Destination of derivatives of forces."""
+        bodies = [i for i in p.bodies if i is not None]
+        numbers = [functools.partial(self._layout.numbers, i) for i in bodies]
+        to = Destination(sums, numbers, p.gap.state.scale)
+        if p.tool is None or not p.gap.has_segments:
+            return to
+        return to._replace(tool=self._layout.of_tool(p.tool), way=self._tools.way(p))
+
+    def _add_curvature(self, p: Pass, at: Evaluated, to: Destination) -> None:
         """Add Σ λ ∂²G, and changes of forces at constant τ, for updated geometry. Collective.
 
         Args:
             p: The integration side.
             at: Its last evaluation.
-            sums: Accumulates terms of the matrix on all unknowns.
+            to: Destination.
         """
         assert isinstance(p.rows.condensed, PointConstraints)
-        bodies = [i for i in p.bodies if i is not None]
-        numbers = [functools.partial(self._layout.numbers, i) for i in bodies]
-        to = Destination(sums, numbers, p.gap.state.scale)
         p.rows.condensed.add_curvature(at.normal, to)
         if p.slip is not None and at.tangential is not None:
             p.gap.add_slip_curvature(at.tangential.traction, p.rows.condensed.moves, to)
@@ -344,26 +353,19 @@ class Derivative:
             made = GapMatrices(
                 rows,
                 friction,
-                self._gaps_of(p, rows),
+                None if p.gap.has_segments else self._gaps_of(p),
                 None if friction is None else self._slips_of(p, rows, friction, tangential),
                 (own, of_slip),
                 self._layout.num_local,
-                self._moving(p, rows, at, tangential),
+                self._mixed(p, rows, at, tangential),
             )
             self._of_gaps[p.rows] = made
         return self._of_gaps[p.rows]
 
-    def _gaps_of(self, p: Pass, rows: CondensedRows) -> tuple[Gaps, Gaps]:
-        """Gap operators for the work of pressures, and for the change of gaps. Collective."""
-        tool = p.tool is not None
-        works = self._gaps(p, p.gap.operator, self._tools.changes(p)[0] if tool else None)
-        if rows.far or p.gap.following is None:
-            return works, works
-        moving, beside = p.gap.moving_gaps()
-        if moving is p.gap.operator:
-            return works, works
-        change = self._gaps(p, moving, self._tools.moved_gaps(p, moving) if tool else None)
-        return works, change._replace(beside=self._beside_facets(p, beside))
+    def _gaps_of(self, p: Pass) -> Gaps:
+        """Gap operator for the work of pressures, and for the change of gaps. Collective."""
+        change = None if p.tool is None else self._tools.changes(p)[0]
+        return self._gaps(p, p.gap.operator, change)
 
     def _slips_of(
         self,
@@ -374,7 +376,7 @@ class Derivative:
     ) -> tuple[Gaps, Gaps] | None:
         """Slip operators for the work of tractions, and for the change of slips. Collective."""
         slip, by_tool = p.slip, None if p.tool is None else self._tools.changes(p)[1]
-        if slip is None:
+        if slip is None or p.gap.has_segments:
             return None
         operator, beside = Changes(slip.operator)
         if not rows.far and p.gap.following is not None and tangential is not None:
@@ -398,28 +400,27 @@ class Derivative:
         values = np.ascontiguousarray(self._system.scales[body] * values)
         return _cpp.CompressedRows(starts.astype(np.int64), numbers, values)
 
-    def _moving(
+    def _mixed(
         self, p: Pass, rows: CondensedRows, at: Normal | None, tangential: Tangential | None
-    ) -> list[tuple[int, Moving]]:
-        """Changes of λ_h and τ_h by motion along facets, for each component. Collective."""
-        if at is None or not isinstance(rows, PointConstraints):
+    ) -> list[tuple[int, Entries]]:
+        """Changes of R_λ and R_τ with the facets, for each component. Collective."""
+        if at is None or not isinstance(rows, PointConstraints) or p.gap.has_segments:
             return []
-        found, friction = rows.moving(at), p.rows.condensed_friction
-        out = [] if found is None else [(0, self._moved(p, found))]
+        found, friction = rows.mixed(at), p.rows.condensed_friction
+        out = [] if found is None else [(0, self._of_mixed(p, found))]
         if friction is not None and tangential is not None:
-            of_slips = friction.moving(tangential, rows.moves) or []
-            out += [(1 + k, self._moved(p, of)) for k, of in enumerate(of_slips)]
+            of_slips = friction.mixed(tangential) or []
+            out += [(1 + k, self._of_mixed(p, of)) for k, of in enumerate(of_slips)]
         return out
 
-    def _moved(self, p: Pass, found: MovingFunctions) -> Moving:
-        """Change of one nodal function by motion along facets. Collective."""
+    def _of_mixed(self, p: Pass, found: Mixed) -> Entries:
+        """Entries on all unknowns; rows stay unknowns of the slave. Collective."""
         mixed = []
-        for (side, unknown, value), body in zip(found.mixed, p.bodies, strict=False):
+        for (side, unknown, value), body in zip(found, p.bodies, strict=False):
             assert body is not None
             scaled = self._system.scales[body] * value
             mixed.append(Entries(side, self._layout.numbers(body, unknown), scaled))
-        of_tool = None if p.tool is None else self._tools.moved_functions(p, found)
-        return Moving(self._gaps(p, found.operator, of_tool), joined(mixed))
+        return joined(mixed)
 
     def _first_of(self, p: Pass) -> int:
         """Number in z of the first unknown of an integration side on this rank."""

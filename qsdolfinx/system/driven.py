@@ -9,10 +9,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-import qsdolfinx._cpp as _cpp
 from qsdolfinx.contact import motion
-from qsdolfinx.gap.following import MovingFunctions
-from qsdolfinx.surface.affine import Affine, affine_vec
+from qsdolfinx.surface.affine import Affine
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.passes import Pass, State
 from qsdolfinx.tools.rigid_surface import RigidSurface
@@ -92,15 +90,8 @@ class DrivenTools:
             return np.zeros(len(self.tools))
         return self._work_of([tool.driven_curvature for tool in self.tools], at.passes)
 
-    def moved_gaps(self, p: Pass, operator: _cpp.GapOperator) -> Array:
-        """Change of an operator's gaps by motion of a controlled tool, (rows, 1). Collective."""
+    def way(self, p: Pass) -> tuple[float, float, float]:
+        """Motion of a force-controlled tool that does not rotate, per displacement."""
         assert p.tool is not None
-        return p.gap.change(self.tools[p.tool].driven_motion, operator)
-
-    def moved_functions(self, p: Pass, found: MovingFunctions) -> Array:
-        """Change of λ_h when a force-controlled tool moves, (rows, 1). Collective."""
-        assert p.tool is not None
-        r = affine_vec(p.gap.slave, self.tools[p.tool].driven_motion)
-        out = -found.operator.apply(r.handle, 0)
-        r.destroy()
-        return np.asarray(out)
+        x, y, z = (*map(float, self.tools[p.tool].driven_motion.b), 0.0)[:3]
+        return x, y, z

@@ -13,7 +13,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Changes, MovingFunctions
+from qsdolfinx.gap.following import Changes, Mixed
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.system.friction_rows import Tangential
@@ -306,27 +306,38 @@ class PointFriction:
         """Derivative ∂τ/∂p where the pressure is positive, (points, gdim)."""
         return np.asarray((at.told.pressure > 0)[:, None] * at.response.coupling)
 
-    def moving(self, at: Tangential, moves: bool) -> list[MovingFunctions] | None:
-        """Change of each component of τ_h by motion along facets; None if constant. Collective.
+    def rest(self, at: Tangential) -> Array:
+        """Vectors r_p of the terms Σ_p w_p N_k r_p of R_τ, (points, gdim). Collective."""
+        return np.asarray((at.traction - self.seen(at.multiplier)) / self.gamma)
+
+    def fields(self, at: Tangential) -> list[Array | None]:
+        """Components of τ at the smooth patches of nodes, (nodes, block). Collective."""
+        if not self.has_unknowns:
+            return [None] * self._gdim
+        of_sides = self.on_sides(at.multiplier)
+        of_sides = of_sides.reshape(len(of_sides), self.slip.slave.block, self._gdim)
+        return [np.ascontiguousarray(of_sides[:, :, k]) for k in range(self._gdim)]
+
+    def turning(self, at: Tangential) -> Array | None:
+        """Part of r_p that stays in the plane of a facet, (points, gdim); None if no unknowns."""
+        return np.asarray(at.traction / self.gamma) if self.has_unknowns else None
+
+    def mixed(self, at: Tangential) -> list[Mixed] | None:
+        """Change of each component of R_τ with the facets; None if constant. Collective.
 
         Args:
             at: The points, at the last evaluation.
-            moves: Whether points move on their facets.
         """
-        gap = self.slip.gap
-        if not self.has_unknowns or gap.following is None:
+        gap, turning = self.slip.gap, self.turning(at)
+        if turning is None or gap.following is None:
             return None
-        of_sides = self.on_sides(at.multiplier)
-        of_sides = of_sides.reshape(len(of_sides), self.slip.slave.block, self._gdim)
-        turning = np.asarray(at.traction / self.gamma, dtype=np.float64)
-        rest = turning - self.seen(at.multiplier) / self.gamma
-        found = [
-            gap.moving_functions(
-                np.ascontiguousarray(of_sides[:, :, k]), rest[:, k], moves, (turning, k)
-            )
-            for k in range(self._gdim)
-        ]
+        rest = self.rest(at)
+        found = [gap.mixed(rest[:, k], (turning, k)) for k in range(self._gdim)]
         return None if None in found else [one for one in found if one is not None]
+
+    def leaning(self, at: Tangential) -> Array | None:
+        """Components of vectors in slips along normals, (points,), see ``Slip.leaning``."""
+        return self.slip.leaning(self.elastic, self.seen(at.multiplier), self.gamma)
 
     def moving_slip(self, at: Tangential) -> Changes:
         """Changes of the slip in the trial, and of τ_h in the planes of facets. Collective."""

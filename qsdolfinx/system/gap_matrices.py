@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.extension import Extension
+from qsdolfinx.gap.following import Destination, PointState
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.entries import (
@@ -68,19 +69,6 @@ class Gaps(typing.NamedTuple):
             rows.add_rows(self.beside, factor, first, self.operator.width)
 
 
-class Moving(typing.NamedTuple):
-    """Change of λ_h, or of a component of τ_h, by motion along facets, on all unknowns.
-
-    Attributes:
-        rows: Its derivative at the constraints.
-        mixed: Σ_p w_p a (p_p − λ_h)/γ ∂N_k, or this sum for τ. Rows are unknowns of the slave that
-            represent the smooth patches of nodes, or constraints at vertices of a tool.
-    """
-
-    rows: Gaps
-    mixed: Entries
-
-
 class GapMatrices:
     """B = γ G + a N, with a row for each constraint, and columns for all unknowns.
 
@@ -94,58 +82,69 @@ class GapMatrices:
     Args:
         rows: The constraints.
         friction: Friction at these points; None without.
-        gaps: G for the forces, and G for the change of gaps.
+        gaps: G; None for points of segments, which move on the facets.
         slips: The operator for the work of friction, and J, with a row for each component; None
-            without friction.
+            without friction or at points of segments.
         numbers: Numbers of this rank's unknowns λ among all unknowns, shape (λ,), and of τ.
         num_local: Number of unknowns of this rank.
-        moving: Changes of λ_h, then of the components of τ_h, with updated geometry, each with the
-            number of the component; empty for linear gaps. The change of R_λ, R_τ and forces
-            contains them; the operator for the work of forces does not.
+        mixed: Derivatives of R_λ and R_τ as areas and tangent planes change with the facets, each
+            with the number of the component. Rows are unknowns of the slave that represent smooth
+            patches of nodes, or constraints at vertices of a tool.
     """
 
     def __init__(
         self,
         rows: CondensedRows,
         friction: PointFriction | None,
-        gaps: tuple[Gaps, Gaps],
+        gaps: Gaps | None,
         slips: tuple[Gaps, Gaps] | None,
         numbers: tuple[Indices, Indices],
         num_local: int,
-        moving: typing.Sequence[tuple[int, Moving]] = (),
+        mixed: typing.Sequence[tuple[int, Entries]] = (),
     ) -> None:
         self._rows, self._comm, self._num = rows, rows.model.comm, num_local
         self._friction, self._width = friction, rows.gap.operator.width
-        self._numbers, self._functions = numbers[0], typing.cast("PETSc.Mat | None", None)
-        self._part = 1.0
-        of_nodes: list[tuple[int, _cpp.CompressedRows]] = []  # with the component
-        if isinstance(rows, PointConstraints) and rows.has_multipliers:
-            of_nodes.append((0, self._of_nodes(rows.free, numbers[0], rows.extension)))
-            self._part = rows.part
-        #: Derivatives of R_λ and R_τ by the motion of shape functions.
-        self.mixed: list[Entries] = [self._of_moving(of, k, numbers) for k, of in moving]
-        in_rows = [(k, of.rows) for k, of in moving]
-        of_slips = [] if friction is None else self._of_slips(friction, numbers[1])
-        elastic = 0.0 if friction is None else friction.elastic  # τ has a compliance by a penalty
+        self._numbers, self._functions = numbers, typing.cast("PETSc.Mat | None", None)
+        has_normal = isinstance(rows, PointConstraints) and rows.has_multipliers
+        self._part = rows.part if has_normal else 1.0
+        #: Factor of N in the slips of the trials: τ has a compliance by a penalty.
+        self._of_slips = 1.0 if friction is None else 1 - friction.elastic
         #: Whether there are multipliers at points.
-        self._has = bool(of_nodes or of_slips)
+        self._has = has_normal or (friction is not None and bool(friction.extensions))
+        #: Derivatives of R_λ and R_τ at constant r_p.
+        self.mixed: list[Entries] = [self._of_mixed(of, k, numbers) for k, of in mixed]
+        if gaps is None:
+            return
+        of_nodes = [(c, self._of_nodes(*found)) for c, found in self._functions_of_components()]
         #: Rows of a point: those of B, then those of N E if there are multipliers.
-        self._right = self._stacked(gaps[1], slips, (of_nodes, of_slips), in_rows, 1 - elastic)
+        self._right = self._stacked(gaps, slips and slips[1], of_nodes, self._of_slips)
         #: These rows for the work of forces, with constant functions; the same object if all are
         #: equal.
         self._left = self._right
-        differ = gaps[0] is not gaps[1] or (slips is not None and slips[0] is not slips[1])
-        scaled = gaps[0].are_scaled or (slips is not None and slips[1].are_scaled)
-        if differ or scaled or in_rows or elastic:
-            of_forces = None if slips is None else (slips[0], slips[0])
-            self._left = self._stacked(gaps[0], of_forces, (of_nodes, of_slips), [], 1.0, False)
+        differ = slips is not None and slips[0] is not slips[1]
+        scaled = gaps.are_scaled or (slips is not None and slips[1].are_scaled)
+        if differ or scaled or self._of_slips != 1:
+            self._left = self._stacked(gaps, slips and slips[0], of_nodes, 1.0, False)
+
+    def _functions_of_components(
+        self,
+    ) -> list[tuple[int, tuple[Flags, Indices, Extension | None]]]:
+        """Components with multipliers: patches of nodes, numbers of the unknowns, and E."""
+        rows, friction = self._rows, self._friction
+        found: list[tuple[int, tuple[Flags, Indices, Extension | None]]] = []
+        if isinstance(rows, PointConstraints) and rows.has_multipliers:
+            found.append((0, (rows.free, self._numbers[0], rows.extension)))
+        for k, extension in enumerate([] if friction is None else friction.extensions):
+            assert friction is not None
+            found.append((1 + k, (*self._of_component(friction, k, self._numbers[1]), extension)))
+        return found
 
     def functions(self) -> PETSc.Mat:
         """Matrix a N E of λ, owned by this object. Collective."""
         rows = self._rows
         assert isinstance(rows, PointConstraints)
         if self._functions is None:
-            self._functions = self._times_sides(rows.free, self._numbers, rows.extension)
+            self._functions = self._times_sides(rows.free, self._numbers[0], rows.extension)
             self._functions.scale(self._part)
         return self._functions
 
@@ -157,9 +156,8 @@ class GapMatrices:
     def _stacked(
         self,
         gaps: Gaps,
-        slips: tuple[Gaps, Gaps] | None,
-        functions: tuple[list[tuple[int, _cpp.CompressedRows]], ...],
-        moving: list[tuple[int, Gaps]],
+        slips: Gaps | None,
+        functions: list[tuple[int, _cpp.CompressedRows]],
         of_slips: float,
         scaled: bool = True,
     ) -> _cpp.StackedRows:
@@ -168,28 +166,17 @@ class GapMatrices:
         out = _cpp.StackedRows(self._rows.gap.num_rows, (1 + self._has) * num)
         gaps.add_to(out, self._rows.gamma, scaled)
         if slips is not None and friction is not None:
-            slips[1].add_to(out, friction.gamma, scaled, 1)
-        for parts, factor in zip(functions, (self._part, of_slips), strict=True):
-            for component, part in parts:
-                out.add_rows(part, factor, component, 1)
-                out.add_rows(part, 1.0, num + component, 1)
-        for component, of in moving:
-            of.add_to(out, of_slips if component else self._part, first=component)
-            if self._has:
-                of.add_to(out, 1.0, first=num + component)
+            slips.add_to(out, friction.gamma, scaled, 1)
+        for component, part in functions:
+            out.add_rows(part, of_slips if component else self._part, component, 1)
+            out.add_rows(part, 1.0, num + component, 1)
         return out
 
-    def _of_moving(
-        self, moving: Moving, component: int, numbers: tuple[Indices, Indices]
+    def _of_mixed(
+        self, mixed: Entries, component: int, numbers: tuple[Indices, Indices]
     ) -> Entries:
-        """Derivatives of R_λ or R_τ by the motion of nodal functions. Collective."""
-        rows, friction, mixed = self._rows, self._friction, moving.mixed
-        if rows.gap.own is not None:
-            assert friction is not None  # λ is constant at vertices
-            free, own = self._of_component(friction, component - 1, numbers[1])
-            number = _number_of(free, own)[rows.gap.own.place[mixed.row]]
-            some = (number >= 0) & (mixed.column >= 0)
-            return Entries(number[some], mixed.column[some], mixed.value[some])
+        """Derivative of R_λ or R_τ at constant r_p. Collective."""
+        rows, friction = self._rows, self._friction
         if component == 0:
             assert isinstance(rows, PointConstraints)
             extended = self._extended(rows.free, numbers[0], rows.extension)
@@ -210,18 +197,6 @@ class GapMatrices:
         for mat in (extended, of_sides, product):
             mat.destroy()
         return out
-
-    def _of_slips(
-        self, friction: PointFriction, numbers: Indices
-    ) -> list[tuple[int, _cpp.CompressedRows]]:
-        """Rows N E of each component of τ. Collective."""
-        if not friction.extensions:
-            return []
-        found = []
-        for k, extension in enumerate(friction.extensions):
-            free, own = self._of_component(friction, k, numbers)
-            found.append((1 + k, self._of_nodes(free, own, extension)))
-        return found
 
     @staticmethod
     def _of_component(friction: PointFriction, k: int, numbers: Indices) -> tuple[Flags, Indices]:
@@ -293,19 +268,109 @@ class GapMatrices:
             at: The evaluated constraints.
             tangential: Friction at these points; None without.
         """
-        rows, friction = self._rows, self._friction
-        num, weight = self._num_of_b, rows.gap.weight[:, None]
+        D = self._by_trial(at, tangential)
+        if self._has:
+            D = _beside(D, self._by_own())
+        _cpp.add_products(sums, self._left, self._right, np.ascontiguousarray(D))
+
+    def add_at_segments(self, to: Destination, at: Normal, tangential: Tangential | None) -> None:
+        """Add the same derivative at points of segments, with the curvature of gaps. Collective.
+
+        Args:
+            to: Destination.
+            at: The evaluated constraints.
+            tangential: Friction at these points; None without.
+        """
+        rows, friction, num = self._rows, self._friction, self._num_of_b
+        assert isinstance(rows, PointConstraints)
+        D = self._by_trial(at, tangential)
+        D = D if D.ndim == 3 else D[:, :, None] * np.eye(num)
+        fields: list[Array | None] = [None]
+        rest, gamma = np.zeros((len(D), num)), np.full(num, rows.gamma)
+        leaning, slip, traction, turning = None, None, None, None
+        if rows.has_multipliers:
+            fields, rest[:, 0] = [rows.on_sides(at.multiplier)], rows.rest(at)
+        if friction is not None and tangential is not None:
+            gamma[1:], slip = friction.gamma, friction.slip.at_points
+            fields += friction.fields(tangential)
+            if friction.has_unknowns:
+                rest[:, 1:] = friction.rest(tangential)
+            leaning, traction = friction.leaning(tangential), tangential.traction
+            turning = friction.turning(tangential)
+        in_work, part = (np.full(num, factor) for factor in (1.0, self._of_slips))
+        in_work[0] = part[0] = self._part
+        function_rows, functions = self._function_rows()
+        state = PointState(
+            (gamma, part, in_work),
+            D,
+            self._by_own() if self._has else np.zeros((0, num)),
+            rows.constant_pressure(at),
+            traction,
+            rest,
+            turning,
+            leaning,
+            fields,
+            slip,
+            rows.moves,
+            not rows.far,
+            function_rows,
+            functions,
+        )
+        rows.gap.add_point_forces(state, to)
+
+    def _function_rows(self) -> tuple[Indices, list[_cpp.CompressedRows]]:
+        """Rows of E for the functions of the segments, and for each component. Collective."""
+        gap, found = self._rows.gap, dict(self._functions_of_components())
+        assert gap.following is not None and gap.cut is not None
+        sides: Indices = np.zeros(0, dtype=np.int64)
+        if gap.own is not None:
+            place = gap.own.place
+        else:
+            sides, place = np.unique(gap.following.function_sides(gap.cut), return_inverse=True)
+        out = []
+        for component in range(self._num_of_b):
+            if component not in found:
+                none = np.zeros(0, dtype=np.int64)
+                every = np.zeros((len(sides) if gap.own is None else len(place)) + 1, np.int64)
+                out.append(_cpp.CompressedRows(every, none, np.zeros(0)))
+                continue
+            free, numbers, extension = found[component]
+            if gap.own is not None:
+                of_vertices = _number_of(free, numbers)
+                every = np.arange(len(of_vertices) + 1, dtype=np.int64)
+                out.append(_cpp.CompressedRows(every, of_vertices, np.ones(len(of_vertices))))
+                continue
+            one = Entries(np.arange(len(sides), dtype=np.int64), sides, np.ones(len(sides)))
+            chosen = one.matrix(len(sides), _layout(gap.slave)[0], self._comm)
+            out.append(self._rows_of(chosen, self._extended(free, numbers, extension)))
+        return np.ascontiguousarray(place, dtype=np.int64), out
+
+    @staticmethod
+    def _rows_of(first: PETSc.Mat, second: PETSc.Mat) -> _cpp.CompressedRows:
+        """Rows of the product of two matrices, which are destroyed. Collective."""
+        product = first.matMult(second)
+        starts, columns, values = product.getValuesCSR()
+        for mat in (first, second, product):
+            mat.destroy()
+        return _cpp.CompressedRows(
+            starts.astype(np.int64), columns.astype(np.int64), np.ascontiguousarray(values)
+        )
+
+    def _by_trial(self, at: Normal, tangential: Tangential | None) -> Array:
+        """W D: numbers for the rows of points, (points, n), or matrices, (points, n, n)."""
+        rows, friction, weight = self._rows, self._friction, self._rows.gap.weight[:, None]
         D = weight / rows.gamma**2 * rows.stiffness(at)
         if friction is None or tangential is None:
-            D = np.broadcast_to(D, (len(weight), num))
-        else:
-            D = self._with_friction(friction, at, tangential, D[:, 0])
-        if self._has:
-            own = np.repeat(-self._part / rows.gamma * weight, num, axis=1)
-            if friction is not None:
-                own[:, 1:] = -weight / friction.gamma
-            D = _beside(D, own)
-        _cpp.add_products(sums, self._left, self._right, np.ascontiguousarray(D))
+            return np.broadcast_to(D, (len(weight), self._num_of_b))
+        return self._with_friction(friction, at, tangential, D[:, 0])
+
+    def _by_own(self) -> Array:
+        """Factors of products of N E, (points, components)."""
+        weight, num = self._rows.gap.weight[:, None], self._num_of_b
+        own = np.repeat(-self._part / self._rows.gamma * weight, num, axis=1)
+        if self._friction is not None:
+            own[:, 1:] = -weight / self._friction.gamma
+        return own
 
     def _with_friction(
         self, friction: PointFriction, at: Normal, tangential: Tangential, own: Array

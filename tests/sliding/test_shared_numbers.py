@@ -74,19 +74,45 @@ class Pass:
         at_nodes.array[:] = np.repeat(multiplier, self.gdim)
         force = weight * np.asarray(operator.at_points(at_nodes.handle))
         operator.add_transpose(force[:, None].copy(), *(v.handle for v in vecs))
-        free = [PETSc.Vec().createSeq(n) for n in self.sizes]
-        rest = np.zeros(len(weight)), False
-        functions = _cpp.FunctionsOfPieces(
-            self.pieces, at_nodes.handle, *rest, [v.handle for v in free], np.zeros(0), 0
-        )
-        moving = _cpp.GapOperator(
-            self.still[1], points_of=self.pieces, functions=functions, weight=none
-        )
-        work = -weight * np.asarray(operator.initial_gap)
-        moving.add_transpose(work[:, None].copy(), *(v.handle for v in vecs))
-        self.forces = np.concatenate([v.array for v in vecs]).reshape(-1, self.gdim)
+        gaps = -self.growth(places) * np.asarray(operator.initial_gap)
+        forces = np.concatenate([v.array for v in vecs]) + self.of_functions(gaps, at_nodes.array)
+        self.forces = forces.reshape(-1, self.gdim)
         self.places = np.concatenate(places)[:, : self.gdim]
         return self
+
+    def of_functions(self, rest, field):
+        """Return the derivative of Σ_p w_p r_p Σ_k N_k λ_k by positions, as functions change."""
+        first, num = sum(self.sizes), len(rest)
+        matrix = PETSc.Mat().createAIJ(first + self.sizes[0], comm=PETSc.COMM_SELF)
+        sums, none = _cpp.RowSums(matrix.handle), np.zeros(0)
+        free = [PETSc.Vec().createSeq(n) for n in self.sizes]
+        numbers = [_cpp.free_unknowns(self.pieces, i, v.handle) for i, v in enumerate(free)]
+        numbers[1] += self.sizes[0]
+        sides, rows = np.unique(self.pieces.side_dofs(), return_inverse=True)
+        every = np.arange(len(sides) + 1, dtype=np.int64)
+        _cpp.add_point_forces(
+            sums,
+            self.pieces,
+            None,
+            factors=[np.ones(1)] * 3,
+            derivatives=[np.zeros((num, 1, 1)), np.zeros((num, 1))],
+            values=[np.zeros(num), none, rest, none, none],
+            fields=[0],
+            moves=False,
+            gaps_move=False,
+            function_rows=rows.ravel().astype(np.int64),
+            functions=[_cpp.CompressedRows(every, first + sides, np.ones(len(sides)))],
+            own=False,
+            numbers=numbers,
+            scale=(1.0, 1.0),
+            tool=-1,
+            way=(0.0, 0.0, 0.0),
+        )
+        sums.insert()
+        x, y = matrix.createVecs()
+        x.array[first:] = field
+        matrix.multTranspose(x, y)
+        return y.array[:first].copy()
 
     def growth(self, places):
         """Return the given area of each segmented facet over its current area, (points,)."""

@@ -137,9 +137,14 @@ def test_rings(cell):
     assert errors(equations, *closed_in_part(equations, 0.5)) < 1e-8
 
 
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+@pytest.mark.parametrize("driven", (False, True))
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
-def test_tool_of_facets(cell):
-    """A body in front of a faceted rigid tool, with segmentation of both."""
+def test_tool_of_facets(cell, driven, friction):
+    """A body in front of a faceted rigid tool, with segmentation of both; a force moves the tool.
+
+    The tool's row and column have the curvature of gaps and the motion of points, too.
+    """
     gdim = 2 if cell == "quadrilateral" else 3
     body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     body.clamp(plane(body.mesh, gdim - 1, 0.0))
@@ -150,5 +155,8 @@ def test_tool_of_facets(cell):
         facets = [[0, 4, 1], [0, 3, 4], [1, 5, 2], [1, 4, 5]]
     tool = qs.RigidSurface.triangulated(WORLD, corners, facets)
     top = body.side(gdim - 1, 1.0)
-    equations = equations_between([body], top, tool, friction=qs.Coulomb(0.3))
+    if driven:
+        tool.drive(0.1, [0.4] + [0.0] * (gdim - 2) + [-1.0])
+    equations = equations_between([body], top, tool, friction=friction)
+    assert len(equations.tools) == int(driven)
     assert errors(equations, *closed_in_part(equations, 1.0)) < 1e-8
