@@ -39,8 +39,8 @@ NARROW = 0.8
 #: tools would be corners; with more, blunt ones of 20° are not seen.
 CORNER = float(np.radians(15))
 
-#: Size of facets to name over the present one: with it, forces are right to 5 % where they were 60 %
-#: too small; with half the size, forces still are some 10 % too small.
+#: Size of facets to name over the present one: forces that were up to 60 % too small are right to
+#: 5 % with it.
 FINER = 0.25
 
 

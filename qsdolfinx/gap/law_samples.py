@@ -19,9 +19,8 @@ OPENINGS = 2.0 ** np.arange(-20.0, 20.0, 0.25)
 #: exponential law would never end; with more, a part of its work is lost.
 ENDED = 1e-3
 
-#: Gaps at which signs are checked, in units of the size of a facet; and relative change of the gap
-#: for differences of the multiplier: with less, rounding is seen, with more, the curvature of laws.
-GAPS, DIFFERENCE = 2.0 ** np.arange(-12.0, 0.0), 1e-6
+#: Gaps at which signs are checked, in units of the size of a facet.
+GAPS = 2.0 ** np.arange(-12.0, 0.0)
 
 #: Factor by which a slope may differ from both difference and secant of the multiplier: kinks of
 #: legal laws cause less than 2, a forgotten factor or sign causes more.
@@ -79,11 +78,12 @@ def sampled(law: Law, penalty: float, size: float, gdim: int) -> Samples | None:
     along = size * np.concatenate([-GAPS[::-1], GAPS])
     gap = np.zeros((len(along), gdim if law.jump else 1))
     gap[:, 0] = along
-    first, second = (_multiplier(law, part * gap, penalty) for part in (1.0, 1 + DIFFERENCE))
+    small = 1e-6  # with less, rounding would be seen; with more, the curvature of laws
+    first, second = (_multiplier(law, part * gap, penalty) for part in (1.0, 1 + small))
     slope = _slope(law, gap, penalty)
     if first is None or second is None or slope is None:
         return None
-    change = (second[:, 0] - first[:, 0]) / (DIFFERENCE * along)
+    change = (second[:, 0] - first[:, 0]) / (small * along)
     out = np.array([along, first[:, 0], slope, change])
     return Samples(*out[:, np.isfinite(out).all(axis=0)])
 

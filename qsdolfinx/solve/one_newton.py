@@ -39,9 +39,9 @@ POOR = 0.1
 #: iterations from there; with much more, bodies that bend on each other need many.
 FAR_OFF = 2.0
 
-#: Soft penalties that are followed then, over the automatic one. With 1, the contact zone moves by a
-#: row of facets in each iteration; with 1e-4 alone, bodies begin too deep in each other:
-#: ``tests/problems/test_leaf_spring.py``.
+#: Soft penalties that are followed then, over the automatic one: with 1, the contact zone moves by
+#: a row of facets in each iteration; with 1e-4 alone, bodies begin too deep in each other
+#: (``tests/problems/test_leaf_spring.py``).
 SOFT = (1e-4, 1e-2)
 
 

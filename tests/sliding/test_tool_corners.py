@@ -134,6 +134,7 @@ def test_loaded_corner(degree, sliding):
     _, texts = texts_of(scene, [0.0, -0.01], [0.0, -0.02])
     (text,) = texts
     assert "near (0.1, " in text and "carry 100% of the contact force" in text
+    assert "(or 2 facets" in text
 
 
 @pytest.mark.parametrize("middle", (0.0, 0.5))
