@@ -39,11 +39,11 @@ def test_each_file_of_a_checkpoint_is_read_once(tmp_path_factory, monkeypatch):
     opened, load = [], np.load
     monkeypatch.setattr(np, "load", lambda path: opened.append(path.stem) or load(path))
     wanted = np.array([[4, 2], [0, 1], [7, 7]]) if WORLD.rank == 0 else np.array([[2, 1]])
-    keys, values = Checkpoint(WORLD, folder).points("p", wanted)
+    keys, values = Checkpoint(WORLD, folder).points("p").find(wanted)
     assert np.array_equal(keys, 1.0 * values) and np.array_equal(
         values[:, 1] > 0, [True] * len(keys)
     )
     assert {tuple(k) for k in keys} == {tuple(k) for k in wanted} - {(7, 7)}
     every = [name for of_rank in WORLD.allgather(opened) for name in of_rank]
     assert sorted(every) == ["0", "1", "2", "3", "4"]
-    assert Checkpoint(WORLD, folder).points("q", wanted) is None
+    assert Checkpoint(WORLD, folder).points("q") is None
