@@ -390,8 +390,14 @@ class PointConstraints(CondensedRows):
         return np.asarray(self.part / self.gamma * self.gathered(change[:, 0]))
 
     def in_forces(self) -> Array:
-        """γ."""
-        return np.full(self.num_multipliers, self.gamma)
+        """γ, or more at a tool's vertex that faces nodes held on both sides. Collective.
+
+        To close its gap, the other nodes move by more than the gap: by 1/(1 − the held part) of it.
+        """
+        out = np.full(self.num_multipliers, self.gamma)
+        if self.gap.own is not None:
+            out /= (1 - self._held_part(self.gap.own))[self.free]
+        return out
 
     def stress(self, at: Normal, forces: Array) -> Array:
         """Mean stress, or stress of the mean gaps in the stiffest body. Collective."""

@@ -172,7 +172,7 @@ def test_turned_edge(cell, at, yaw):
     depth = 0.1 * SIZE
     force = block.press(depth)
     assert block.contact.penetration() < 1e-6 * depth
-    assert block.problem.num_iterations <= 8
+    assert block.problem.num_iterations <= 15  # with soft penalties first, where it starts far off
     if cell == "hexahedron":
         C = block.compliance(places_below(at, yaw))
         root = np.linalg.cholesky(C)  # forces without tension: least squares of the same energy

@@ -170,11 +170,7 @@ def test_restart(degree, mu, tmp_path_factory):
             stepper.step()
 
 
-# Open: Newton's method takes 10 to 54 iterations, or fails, if the first step is not a soft one.
-SLOW = pytest.mark.xfail(reason="slow beside a held node", strict=False)
-
-
-@pytest.mark.parametrize("part", (1e-2, *(pytest.param(p, marks=SLOW) for p in (1e-3, 1e-4, 1e-5))))
+@pytest.mark.parametrize("part", (1e-2, 1e-3, 1e-4, 1e-5))
 def test_beside_a_held_node(part):
     """A corner that faces almost only a node that conditions hold moves the node beside it.
 
