@@ -610,7 +610,9 @@ CHANGED = [
         ("problems/test_leaf_spring.py::test_two_leaves",),
     ),
     Changed(
-        "solve/one_newton.py:SOFT", (((1.0,),),), ("problems/test_leaf_spring.py::test_two_leaves",)
+        "solve/one_newton.py:SOFT",
+        ((1.0, 1.0),),
+        ("problems/test_leaf_spring.py::test_two_leaves",),
     ),
     Changed(
         "solve/onset.py:LEAST_SHARE",

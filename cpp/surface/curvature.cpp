@@ -117,7 +117,7 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
   around.clear();
   for (std::size_t s : star)
   {
-    if (dot(corners[s].normal, corners[r].normal) < crease_cosine)
+    if (dot(corners[s].normal, corners[r].normal) < smooth_cosine)
       continue;
     sum = sum + corners[s].weighted;
     angle += corners[s].angle;

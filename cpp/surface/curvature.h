@@ -13,9 +13,6 @@ namespace qsdolfinx
 /// xx, yy, zz, xy, xz, yz.
 using Curvature = std::array<double, 6>;
 
-/// Neighbouring facets whose normals differ by more than this angle meet in a sharp edge: cos 30°.
-inline constexpr double crease_cosine = 0.8660254037844386;
-
 /// Curvature of this rank's facets, from the angles between facets at their vertices. Collective.
 ///
 /// Nodal normals weighted as by Max (1999), exact on circles and spheres, give the slopes at both

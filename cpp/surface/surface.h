@@ -58,8 +58,9 @@ struct Sides
   std::vector<double> inward;     ///< from the node to the middle of the side's facets, [entry][3]
 };
 
-/// Cosine of the angle (30°) by which normals of neighbouring facets at a node may differ within
-/// one smooth side. Facets with a larger difference are beyond a sharp edge.
+/// Cosine of the angle by which normals of neighbouring facets at a node may differ within one
+/// smooth side, a little more than 30° whatever the rounding. Facets with a larger difference are
+/// beyond a sharp edge.
 inline constexpr double smooth_cosine = 0.866025;
 
 /// The boxes of all ranks. Collective.

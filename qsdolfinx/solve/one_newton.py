@@ -43,7 +43,7 @@ FAR_OFF = 2.0
 #: a row of facets in each iteration; with 1e-4 alone, bodies begin too deep in each other
 #: (``tests/problems/test_leaf_spring.py``). The last one is used if the start is still far off, as
 #: where more constraints touch than nodes can follow (``test_many_tips``).
-SOFT = ((1e-4, 1e-2), (0.5,))
+SOFT = (1e-4, 1e-2, 0.5)
 
 
 class OneNewton:
@@ -124,7 +124,7 @@ class OneNewton:
                 if sticking is not None:
                     at, is_first = self.equations.evaluate(z, sticking=sticking), True
             change = self._change(at) if change is None else change
-            for parts in SOFT if softly and is_first else ():
+            for parts in (SOFT[:-1], SOFT[-1:]) if softly and is_first else ():
                 if not self._is_far_off(z, at, change):
                     break
                 z = self._approach(z, parts)
@@ -232,14 +232,17 @@ class OneNewton:
         return bool(self.equations.tools and history and history[-1].active == 0)
 
     def _is_far_off(self, z: Array, at: State, change: Array) -> bool:
-        """Whether constraints are active, but the full step leads away from R = 0. Collective."""
+        """Whether constraints are active, but the full step leads away from R = 0. Collective.
+
+        Where R is not finite, cells have turned inside out, and a shorter step is what helps.
+        """
         if self._balance.history[-1].active == 0:
             return False
         try:
             there = self._merit(self.equations.evaluate(z + change))
         except NoValueError:
             return True
-        return not there <= FAR_OFF * self._merit(at)
+        return bool(FAR_OFF * self._merit(at) < there < np.inf)
 
     def _approach(self, z: Array, parts: tuple[float, ...]) -> Array:
         """Follow the path of the solutions with soft penalties. Collective.
