@@ -227,11 +227,6 @@ CHANGED = [
         "friction/filled.py:STEEP", (0.001,), ("friction/test_friction_at_points.py::test_restart",)
     ),
     Changed(
-        "friction/history.py:SAME_RATE",
-        (0.01, 1.0),
-        ("friction/test_slow_rates.py::test_first_step_with_slip",),
-    ),
-    Changed(
         "friction/history.py:SLOW",
         (1e-05, 0.1),
         ("friction/test_slow_rates.py::test_a_small_part_of_the_largest_rate",),
@@ -748,5 +743,4 @@ WITHOUT = (
     "remeshing/retriangulate.py:SAME_SIDE",
     "solve/convergence.py:RESTING",
     "solve/one_newton.py:POOR",
-    "solve/problem.py:MAX_RATES",
 )
