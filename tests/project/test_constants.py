@@ -27,9 +27,9 @@ BOUND = re.compile(r"[.:;] ?\S+ \S+ \S+")
 
 
 def is_number(value):
-    """Whether a value is a number, or numbers by a key, or in a row; no table of indices."""
+    """Whether a value is a number, or numbers by a key, or in rows; no table of indices."""
     if isinstance(value, tuple) and value:
-        return all(type(each) in (int, float) for each in value)
+        return all(is_number(each) for each in value)
     if isinstance(value, dict) and value:
         keys = all(type(each) in (bool, int, str) for each in value)
         return keys and all(type(each) in (int, float) for each in value.values())
