@@ -742,5 +742,4 @@ WITHOUT = (
     "remeshing/retriangulate.py:POOR",
     "remeshing/retriangulate.py:SAME_SIDE",
     "solve/convergence.py:RESTING",
-    "solve/one_newton.py:POOR",
 )
