@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import Pair, drag_top, largest
+from scenes import Pair, drag_top, elastic, largest
 from tangents import on_edge
 
 import ufl
@@ -142,6 +142,18 @@ def test_guesses():
     saddle.solve(rhs, 0.0, exact=True, guess=found[0])
     assert saddle.num_iterations < 2 < count
     saddle.free()
+
+
+@pytest.mark.parametrize("ratio", (1.0, 1e5, 1e9))
+def test_stiff_bodies(ratio):
+    """Newton's method takes few iterations, however stiff one of the bodies is."""
+    pair = Pair("hexahedron", n=(5, 4), wave=0.02)
+    pair.F[1] = elastic(pair.u[1], E=2.0 * ratio)
+    pair.contact = qs.Contact(pair.slave, pair.master, **KINDS["frictionless"])
+    drag_top(pair, 0.02)
+    problem = pair.problem(solver="amg")
+    problem.solve()
+    assert problem.num_iterations <= 15 and problem.num_restarts == 0
 
 
 def test_nonlinear_bodies():
