@@ -743,6 +743,4 @@ WITHOUT = (
     "pairing/distance.py:OF_ITSELF",
     "remeshing/features.py:SHORT",
     "remeshing/remesh.py:VOLUME",
-    "remeshing/retriangulate.py:POOR",
-    "remeshing/retriangulate.py:SAME_SIDE",
 )
