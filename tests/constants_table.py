@@ -426,6 +426,11 @@ CHANGED = [
         ("remeshing/test_triangulation.py::test_levels_of_planes",),
     ),
     Changed(
+        "remeshing/features.py:SHORT",
+        (1.0, 4.0),
+        ("remeshing/test_triangulation.py::test_short_lines_are_noise",),
+    ),
+    Changed(
         "remeshing/fill.py:LEAST_QUALITY",
         (0.0001, 0.5),
         ("remeshing/test_triangulation.py::test_flat_cells_are_refused",),
@@ -741,6 +746,5 @@ WITHOUT = (
     "pairing/crossings.py:AT_END",
     "pairing/crossings.py:WAYS",
     "pairing/distance.py:OF_ITSELF",
-    "remeshing/features.py:SHORT",
     "remeshing/remesh.py:VOLUME",
 )
