@@ -128,7 +128,6 @@ class SaddlePoint:
         x = b.duplicate()
         self._ksp.setInitialGuessNonzero(self._begin(b, x, guess))
         self._iterate(b, x, until, exact)
-        self._note_pace(norm)
         self._correct(b, x)
         out: Array = x.array_r.copy()
         b.destroy()
@@ -237,11 +236,6 @@ class SaddlePoint:
         same = self._comm.allreduce(digest == self._before, op=MPI.LAND)
         self._before = digest
         return not same
-
-    def _note_pace(self, norm: float) -> None:
-        left = self._ksp.getResidualNorm()
-        if self._ksp.getConvergedReason() > 0 and 0 < left < norm:
-            self._linear.note_pace(self.num_iterations / np.log10(norm / left))
 
     @property
     def row_scale(self) -> Array:

@@ -157,7 +157,7 @@ def test_stiff_bodies(ratio):
 
 
 def test_nonlinear_bodies():
-    """Nonlinear bodies start with low accuracy; coarse spaces are chosen again where needed."""
+    """Nonlinear bodies start with low accuracy, and keep their first coarse spaces."""
     found = []
     for solver in ("direct", "amg"):
         pair, _ = scene("hexahedron", "friction", solver)
