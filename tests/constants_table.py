@@ -758,8 +758,3 @@ NAMES_OF_OTHERS = (
     "solve/snes.py:UNKNOWN_TYPE",
     "tools/stl.py:_START",
 )
-
-#: Constants whose change no quick test notices so far. The list may only become shorter.
-WITHOUT = (
-    "linear/hierarchy.py:STALE",
-)
