@@ -31,10 +31,9 @@ Array = npt.NDArray[np.float64]
 #: be too soft to resist; with rounding's size, they would jump where slip changes its direction.
 SLOW = 1e-3
 
-#: Largest relative change of the slip rate, within the first step with slip, for which the assumed
-#: rate is kept: with less, this step would be solved again for nothing. And the factor by which a
-#: later step has to be slower for a new rate: with 1, the law would change in each step.
-SAME_RATE, SLOWER = 0.1, 5.0
+#: Factor by which a step has to be slower than the largest slip rate so far for a new rate: with 1,
+#: the law would change in each step, and steps would be solved again for nothing.
+SLOWER = 5.0
 
 
 class FrictionState(typing.NamedTuple):
@@ -43,13 +42,11 @@ class FrictionState(typing.NamedTuple):
     Attributes:
         slipped: See :class:`FrictionHistory`.
         rate: Largest slip rate.
-        rate_is_final: Whether the first step with slip is over.
         dissipated: Dissipated energy, this rank's part.
     """
 
     slipped: tuple[Array, ...]
     rate: float | None
-    rate_is_final: bool
     dissipated: float
 
 
@@ -73,7 +70,6 @@ class FrictionHistory:
         #: Largest slip rate (length per time) of the first step with slip, or of a later step in
         #: which all slip is much slower; None before, and for laws that need no rate.
         self.rate: float | None = None
-        self._rate_is_final = False
         #: This rank's part of the energy dissipated by friction up to the end of the last step.
         self.dissipated = 0.0
 
@@ -100,19 +96,19 @@ class FrictionHistory:
     @property
     def state(self) -> FrictionState:
         """The history up to now, to be restored if a step fails."""
-        return FrictionState(tuple(self.slipped), self.rate, self._rate_is_final, self.dissipated)
+        return FrictionState(tuple(self.slipped), self.rate, self.dissipated)
 
     def restore(self, state: FrictionState) -> None:
         """Go back to an earlier state."""
         self.slipped = list(state.slipped)
-        self.rate, self._rate_is_final = state.rate, state.rate_is_final
+        self.rate = state.rate
         self.dissipated = state.dissipated
 
     # --- Rates
 
     def continue_with(self, rate: float | None) -> None:
         """Use the slip rate of an earlier run."""
-        self.rate, self._rate_is_final = rate, rate is not None
+        self.rate = rate
 
     def slow(self, dt: float | None, facet_size: float) -> float | None:
         """Slip rate that counts as slow: a small part of the largest slip rate. None without Δt.
@@ -130,11 +126,12 @@ class FrictionHistory:
         """Update the largest slip rate from a solution. Collective.
 
         The rate of the first step with slip is kept, so that the law does not change. It is
-        replaced only if all later slip is so much slower that the regularised law would be
+        replaced only if all slip of a solution is so much slower that the regularised law would be
         different there.
 
         Returns:
-            Whether the rate has changed: the step has to be solved again.
+            Whether the rate has changed: the step has to be solved again. This ends, because each
+            new rate is SLOWER times slower than the one before.
         """
         if dt is None or not self.law.needs_rate:
             return False
@@ -142,10 +139,8 @@ class FrictionHistory:
         way = float(self._slave.comm.allreduce(fastest, op=MPI.MAX))
         if way <= ROUNDING * facet_size:
             return False
-        if self.rate is not None:
-            change = way / dt / self.rate
-            if change > 1 / SLOWER if self._rate_is_final else abs(change - 1) < SAME_RATE:
-                return False
+        if self.rate is not None and way / dt > self.rate / SLOWER:
+            return False
         self.rate = way / dt
         return True
 
@@ -251,7 +246,6 @@ class FrictionHistory:
             self.slipped[i] = self.slip(i, slip)
             self.dissipated += float(slip.dissipation().sum())
             slip.end_step()
-        self._rate_is_final = self.rate is not None
 
     def slip(self, i: int, slip: Slip) -> Array:
         """Slip at the nodes of integration side i, in all earlier steps and the present step."""

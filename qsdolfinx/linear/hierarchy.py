@@ -1,4 +1,4 @@
-"""Update multigrid for a changing tangent, and decide when its coarse spaces are stale."""
+"""Update multigrid for a changing tangent, with the first coarse spaces of the bodies."""
 
 from __future__ import annotations
 
@@ -6,37 +6,27 @@ import typing
 
 from petsc4py import PETSc
 
-import numpy as np
-
 from qsdolfinx.linear.multigrid import Aggregates, Multigrid
-from qsdolfinx.linear.presets import FIRST, TIGHTEST
+from qsdolfinx.linear.presets import FIRST
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.sum import Sum
-
-#: Iterations of a linear solve, over those of the first solve with the same spaces, above which the
-#: spaces are made again. With 1 they would be made again each time, with much more never.
-STALE = 1.5
 
 
 class Hierarchy:
     """Multigrid for a tangent, and its first coarse spaces, which are kept for later tangents.
 
     The spaces are those of the bodies without contact. They are kept when the active set or the
-    contact pairs change.
+    contact pairs change, and as nonlinear bodies deform: new ones would need as many iterations.
 
     Args:
-        ksp: The linear solver; its rate of convergence shows whether the spaces still fit.
         bodies: The bodies. Spaces of linear bodies fit until the matrices change.
     """
 
-    def __init__(self, ksp: PETSc.KSP, bodies: typing.Sequence[Body]) -> None:
-        self._ksp, self._bodies = ksp, bodies
+    def __init__(self, bodies: typing.Sequence[Body]) -> None:
+        self._bodies = bodies
         self._multigrid: Multigrid | None = None
         self._spaces: dict[int, Aggregates] = {}
         self._states: list[int] = []
-        self._first_pace: float | None = None
-        #: Iterations per digit of the last solve, if by another solver; None if it was by this one.
-        self.pace: float | None = None
 
     def forget(self) -> None:
         """Free multigrid, but not the spaces, before a new tangent. Collective."""
@@ -47,7 +37,9 @@ class Hierarchy:
     def destroy(self) -> None:
         """Free all. Collective."""
         self.forget()
-        self._forget_spaces()
+        for space in self._spaces.values():
+            space.destroy()
+        self._spaces, self._states = {}, []
 
     def update(
         self,
@@ -62,9 +54,6 @@ class Hierarchy:
             tangent: The tangent.
             modes: Rigid modes of each body.
         """
-        if self._is_stale():
-            self._forget_spaces()
-            self.forget()
         states = [body.num_assemblies if body.linear else 0 for body in self._bodies]
         if states != self._states:
             self.forget()
@@ -98,21 +87,3 @@ class Hierarchy:
                 kept.destroy()
             self._spaces[i] = Aggregates(K, stays, modes[i], prefix)
         self._states = states
-
-    def _is_stale(self) -> bool:
-        """Whether the last solve was slower than the first one with these spaces."""
-        linear = all(body.linear for body in self._bodies)
-        if linear or self._multigrid is None:
-            return False
-        digits = -np.log10(max(self._ksp.getTolerances()[0], TIGHTEST))
-        pace = self._ksp.getIterationNumber() / digits if self.pace is None else self.pace
-        if pace == 0:
-            return False
-        if self._first_pace is None:
-            self._first_pace = pace
-        return bool(pace > STALE * self._first_pace)
-
-    def _forget_spaces(self) -> None:
-        for space in self._spaces.values():
-            space.destroy()
-        self._spaces, self._states, self._first_pace = {}, [], None

@@ -23,10 +23,6 @@ from qsdolfinx.system.row_blocks import RowBlocks
 
 Array = npt.NDArray[np.float64]
 
-#: Least softness of gaps of stiff bodies, over that of the softest body, with which the residual of
-#: the last linear solve decreases: with less, rounding could keep it above its limit.
-SOFTEST = 1e-2
-
 
 class _Parts(typing.NamedTuple):
     """Parts of a product; rows of multipliers are scaled to forces.
@@ -81,7 +77,7 @@ class SaddlePoint:
         self._may_change = any(not p.gap.law.jump or p.slip is not None for p in equations.passes)
         softest = min((p.rows.softness for p in equations.passes), default=1.0)
         #: Residual of the last linear solve, over the residual at which Newton's method ends.
-        self._part = SAFETY * max(SOFTEST, self._comm.allreduce(softest, op=MPI.MIN))
+        self._part = SAFETY * self._comm.allreduce(softest, op=MPI.MIN)
         #: Exception raised by a callback: PETSc would replace it by an error of its own.
         self._failure: BaseException | None = None
         #: Norms of the right-hand sides of the solve.
@@ -132,7 +128,6 @@ class SaddlePoint:
         x = b.duplicate()
         self._ksp.setInitialGuessNonzero(self._begin(b, x, guess))
         self._iterate(b, x, until, exact)
-        self._note_pace(norm)
         self._correct(b, x)
         out: Array = x.array_r.copy()
         b.destroy()
@@ -241,11 +236,6 @@ class SaddlePoint:
         same = self._comm.allreduce(digest == self._before, op=MPI.LAND)
         self._before = digest
         return not same
-
-    def _note_pace(self, norm: float) -> None:
-        left = self._ksp.getResidualNorm()
-        if self._ksp.getConvergedReason() > 0 and 0 < left < norm:
-            self._linear.note_pace(self.num_iterations / np.log10(norm / left))
 
     @property
     def row_scale(self) -> Array:

@@ -129,7 +129,7 @@ class Schur:
             else Pressure(body, None if forms is None else forms[i], prefix)
             for i, body in enumerate(bodies)
         ]
-        self._hierarchy = Hierarchy(ksp, bodies)
+        self._hierarchy = Hierarchy(bodies)
         self._velocity: VelocityBlock | None = None
         self._tangent: Sum | None = None
 

@@ -135,7 +135,7 @@ class LinearSolver:
         #: Preconditioner of ``"schur"``.
         self.schur: Schur | None = None
         if name == "amg" and system.form is Form.SUM:
-            self._hierarchy = Hierarchy(ksp, system.bodies)
+            self._hierarchy = Hierarchy(system.bodies)
         elif name == "schur" and system.form is Form.SUM:
             self.schur = Schur(ksp, system.bodies, pressure_preconditioner)
         self._may_be_rescued = name in ITERATIVE and not {"ksp_type", "pc_type"} & set(chosen)
@@ -263,7 +263,6 @@ class LinearSolver:
             elif self._hierarchy is not None:
                 assert isinstance(system.made.tangent, Additive)
                 pc, modes = self.ksp.getPC(), system.made.rigid.modes
-                self._hierarchy.pace = None
                 self._hierarchy.update(pc, system.made.tangent.sum, modes)
 
     def prepare(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
@@ -373,11 +372,6 @@ class LinearSolver:
             self.look()
         else:
             self.ksp.getPC().apply(x, y)
-
-    def note_pace(self, pace: float) -> None:
-        """Pass the number of iterations per digit to multigrid."""
-        if self._hierarchy is not None:
-            self._hierarchy.pace = pace
 
     def precondition(self, free: Array) -> None:
         """Update multigrid for the present sum. Collective.

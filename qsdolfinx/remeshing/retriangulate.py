@@ -10,7 +10,7 @@ import numpy.typing as npt
 from qsdolfinx.remeshing.features import Features, Plane
 from qsdolfinx.remeshing.outline import listed
 from qsdolfinx.remeshing.reference import OldSurface
-from qsdolfinx.remeshing.triangulation import Triangulation
+from qsdolfinx.remeshing.triangulation import LEAST_SHAPE, Triangulation
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -19,18 +19,9 @@ Indices = npt.NDArray[np.int64]
 #: nothing is smoothed; above 1 nodes move beyond the mean.
 STEP = 0.7
 
-#: Smallest cosine of the angle between a node's normal and the normal of the old triangle onto
-#: which the node is projected. With -1, nodes of a thin part would be projected onto its other
-#: side.
-SAME_SIDE = 0.5
-
 #: Ratio of singular values of normals (half of their angle, in radians) below which two planes
 #: count as one for a node on both: their intersection moves far if the planes move a little.
 NEARLY_ONE = 0.05
-
-#: Quality, 1 is best, below which smoothing must not make triangles worse. With 1, no node would
-#: move.
-POOR = 0.2
 
 
 @dataclasses.dataclass
@@ -143,12 +134,12 @@ def _smooth(surface: Triangulation, old: OldSurface) -> None:
     _on_surface(x, sizes, faces, region, on_line, normals, old, new, wanted)
     _on_lines(surface, x, sizes, old, new, wanted)
     # Nodes of triangles that would turn over or become flat are not moved; then other nodes may
-    # have to stay, too.
+    # have to stay, too. Collapsed edges leave triangles of the same least quality.
     moved = np.any(new != x, axis=1)
     while True:
         after, shaped = _normals_and_shapes(new, faces)
-        turned = np.sum(normals * after, axis=1) < SAME_SIDE
-        bad = (turned & (shapes > 0)) | (shaped < np.minimum(POOR, shapes))
+        turned = np.sum(normals * after, axis=1) < 0
+        bad = (turned & (shapes > 0)) | (shaped < np.minimum(LEAST_SHAPE, shapes))
         back = np.zeros(len(x), dtype=bool)
         back[faces[bad].ravel()] = True
         back &= moved
@@ -192,7 +183,7 @@ def _on_surface(
     for number in np.unique(of_node[of_node >= 0]):
         nodes = np.flatnonzero(of_node == number)
         at, size, facing = old.onto_region(int(number), target[nodes])
-        same = np.sum(facing * normal[nodes], axis=1) > SAME_SIDE
+        same = np.sum(facing * normal[nodes], axis=1) > 0  # not the other side of a thin part
         new[nodes[same]], wanted[nodes[same]] = at[same], size[same]
 
 

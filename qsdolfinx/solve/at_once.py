@@ -160,7 +160,7 @@ class AtOnce:
         softly = self._is_cold and equations.can_soften
         has_moved = self._has_moved()
         try:
-            z = loop.solve(z, is_guess=has_moved, softly=softly)
+            z = loop.solve(z, softly=softly)
         except (NoConvergence, NoValueError):
             if not has_moved:
                 raise

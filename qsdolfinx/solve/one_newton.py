@@ -29,11 +29,6 @@ Flags = npt.NDArray[np.bool_]
 #: direction without a decrease takes as many evaluations.
 MAX_HALVINGS = 8
 
-#: Part of the first step below which the start is a poor one. With 0, solves would go on from
-#: predictions that change the volume of nearly incompressible bodies; with 1, each cut step would
-#: begin again.
-POOR = 0.1
-
 #: Increase of the merit in the first full step above which the start is far from the solution. With
 #: less, as where contact begins or friction depends on slip rates, Newton's method needs fewer
 #: iterations from there; with much more, bodies that bend on each other need many.
@@ -78,16 +73,12 @@ class OneNewton:
             Balance(equations, newton, stiffness),
         )
 
-    def solve(
-        self, z: Array, begins: bool = True, is_guess: bool = False, softly: bool = False
-    ) -> Array:
+    def solve(self, z: Array, begins: bool = True, softly: bool = False) -> Array:
         """Compute the solution, starting from z. Collective.
 
         Args:
             z: Unknowns of this rank.
             begins: Whether to find the positions from which slip counts.
-            is_guess: Whether to stop if the first step makes hardly any progress, because another
-                start is available.
             softly: Whether to approach the solution first if the start is poor, see
                 :meth:`_approach`.
 
@@ -132,8 +123,6 @@ class OneNewton:
                 change = self._change(at)
             mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
             z, at, step = mixed or self._search(z, at, change, is_first)
-            if is_guess and iteration == 0 and step < POOR:
-                raise NoConvergence("the first step leads nowhere")
             change = None
         raise NoConvergence(progress.late(), self._reason(LATE))
 

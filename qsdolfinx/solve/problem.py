@@ -74,12 +74,6 @@ _counter = itertools.count()
 told: set[str] = set()
 
 
-#: Largest number of times that a step is solved again because slip rates, or the positions from
-#: which slip counts, differ from those that friction has assumed. With 0, the first step with slip
-#: has the wrong rate.
-MAX_RATES = 4
-
-
 class ContactProblem:
     """Nonlinear problem: F_i(u_i; v_i) + ∂Φ/∂u_i (v_i) = 0 for all bodies i and test functions v_i.
 
@@ -587,12 +581,12 @@ class ContactProblem:
             if self._is_found_by_penalty(balance, start):
                 return
             self._is_at_once = True
-        for _ in range(MAX_RATES + 1):
+        is_found = False
+        while not is_found:
             if not self._at_once.solve(vanishing(self.stabilisation)):
                 failed = self._at_once
                 self.newton.fail(failed.reason, failed.linear_reason, failed.why)
-            if not self._has_other_rates():
-                break
+            is_found = not self._has_other_rates()
         if not self.newton.has_users_snes:
             self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
         self.stabilisation_shares = [] if self.stabilisation is None else [0.0]

@@ -93,6 +93,23 @@ def test_wedge_on_a_plate(cell, cells, yaw, solver):
     np.testing.assert_allclose(*forces, rtol=1e-6)
 
 
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+def test_crossings_near_nodes(cell):
+    """Mesh lines that cross an edge beside its nodes give no second constraint beside the node's.
+
+    With both, multipliers would be hardly determined, and take more than ten iterations.
+    """
+    forces = []
+    for beside in (0.0, 1e-4):
+        wedge = Wedge(2, cell, yaw=20.0, shift=(0.05 + beside, beside, 0.0))
+        bodies = [wedge.hold(-0.02), Plate(8, cell)]
+        contact, problem = problem_of(bodies, [body.surface() for body in bodies])
+        problem.solve()
+        forces.append(contact.force("slave")[2])
+        assert problem.num_iterations <= 5
+    np.testing.assert_allclose(*forces, rtol=1e-4)
+
+
 def test_between_crossings():
     """An edge of degree 2 along quadrilateral diagonals does not penetrate between its points."""
     forces = []

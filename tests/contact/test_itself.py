@@ -134,6 +134,19 @@ def test_deep_in_each_other(depth):
     assert contact.penetration() > 0.99 * depth
 
 
+@pytest.mark.parametrize("depth", (0.05, 0.3))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_depth_at_a_tip(cell, depth):
+    """A slanted arm is deepest at its tip: the depth is measured near the ends of long facets."""
+    scene = Slotted(cell, n=(3, 2) if cell == "triangle" else (2, 2), gap=0.05)
+    contact = scene.itself(search_radius=0.6, **ENFORCEMENTS["penalty"])
+    x = scene.mesh.geometry.x
+    upper = x[:, 1] > 0.04
+    x[upper, 1] -= (0.05 + depth) * np.clip((x[upper, 0] - ROOT) / (LENGTH - ROOT), 0, 1)
+    contact.update()
+    assert 0.96 * depth < contact.penetration() <= depth * (1 + 1e-9)
+
+
 def test_turned_inside_out():
     """A boundary that crosses itself within a cell has no inside, and is refused."""
     scene = Slotted(gap=0.05)

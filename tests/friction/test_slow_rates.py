@@ -32,12 +32,15 @@ def test_a_small_part_of_the_largest_rate():
     assert learn(made, 0.2) and 1e-4 < made.slow(1.0, SIZE) / 0.2 < 1e-2
 
 
-@pytest.mark.parametrize("factor, again", ((1.02, False), (0.98, False), (1.5, True), (0.5, True)))
-def test_first_step_with_slip(factor, again):
-    """The step is solved again if its rate differs by more than some per cent."""
+@pytest.mark.parametrize("way", (0.2, 1e-6))
+def test_first_step_with_slip(way):
+    """The step is solved again with its rate, and then again only while rates fall by far."""
     made = history()
-    assert learn(made, 0.2)
-    assert learn(made, 0.2 * factor) == again
+    assert learn(made, way)
+    assert not learn(made, way / 2) and not learn(made, 2 * way)
+    ways = [way * 0.1**k for k in range(1, 30)]
+    solves = [learn(made, each) for each in ways]
+    assert solves[0] and not solves[-1]
 
 
 @pytest.mark.parametrize("factor, again", ((10.0, False), (0.5, False), (0.05, True)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import Pair, drag_top, largest
+from scenes import Pair, drag_top, elastic, largest
 from tangents import on_edge
 
 import ufl
@@ -144,8 +144,20 @@ def test_guesses():
     saddle.free()
 
 
+@pytest.mark.parametrize("ratio", (1.0, 1e5, 1e9))
+def test_stiff_bodies(ratio):
+    """Newton's method takes few iterations, however stiff one of the bodies is."""
+    pair = Pair("hexahedron", n=(5, 4), wave=0.02)
+    pair.F[1] = elastic(pair.u[1], E=2.0 * ratio)
+    pair.contact = qs.Contact(pair.slave, pair.master, **KINDS["frictionless"])
+    drag_top(pair, 0.02)
+    problem = pair.problem(solver="amg")
+    problem.solve()
+    assert problem.num_iterations <= 15 and problem.num_restarts == 0
+
+
 def test_nonlinear_bodies():
-    """Nonlinear bodies start with low accuracy; coarse spaces are chosen again where needed."""
+    """Nonlinear bodies start with low accuracy, and keep their first coarse spaces."""
     found = []
     for solver in ("direct", "amg"):
         pair, _ = scene("hexahedron", "friction", solver)

@@ -239,6 +239,20 @@ def test_boundary_through_itself_is_refused_with_the_place():
     assert np.array_equal(msh.geometry.x, before)
 
 
+@pytest.mark.parametrize("part", (2e-5, 5e-4))
+def test_volume_that_cannot_be_restored(part):
+    """A slightly curved side of one new segment: only the corners are left, which stay."""
+    msh = mesh.create_rectangle(WORLD, [[0, 0], [1, 1]], [4, 4])
+    x = msh.geometry.x
+    x[:, 1] *= 1 + part * 8 / 5 * 4 * x[:, 0] * (1 - x[:, 0])  # by the trapezoidal rule
+    if part > 1e-4:
+        with pytest.raises(qs.RemeshError, match="since no boundary node is free"):
+            qs.remesh(msh, 2.0)
+    else:
+        report = qs.remesh(msh, 2.0).report
+        np.testing.assert_allclose(report.volume_change, -part, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

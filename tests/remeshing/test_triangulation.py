@@ -95,6 +95,30 @@ def test_planes_of_many_triangles(times, expected):
     assert len(found.planes) == expected
 
 
+def partly_sharp_sphere():
+    """Return nodes and triangles of a sphere whose equator is a sharp edge over some 90 degrees."""
+    x, faces = sphere(4)
+    radius, angle = np.hypot(x[:, 0], x[:, 1]), np.arctan2(x[:, 1], x[:, 0])
+    parabola = np.sign(x[:, 2]) * (1 - radius**2)
+    x[:, 2] += np.clip(1.5 - np.abs(angle), 0, 1) * (parabola - x[:, 2])
+    return x, faces
+
+
+@pytest.mark.parametrize("sizes, is_kept", ((1.5, False), (3.0, True)))
+def test_short_lines_are_noise(sizes, is_kept):
+    """A sharp edge that ends in a smooth surface is kept if it is more than two cells long."""
+    x, faces = partly_sharp_sphere()
+    tags = np.zeros(len(faces), dtype=np.int64)
+
+    def edges(size):
+        lines = find_features(x, faces, tags, np.full(len(x), size), np.radians(40)).lines
+        return np.array(list(lines)).reshape(-1, 2)
+
+    every = edges(1e-9)
+    length = np.linalg.norm(x[every[:, 0]] - x[every[:, 1]], axis=1).sum()
+    assert len(every) > 2 and len(edges(length / sizes)) == len(every) * is_kept
+
+
 @pytest.mark.parametrize("level", (0.0, 0.7, 1.0))
 def test_levels_of_planes(level):
     """Planes at round numbers are there exactly, and others where they are."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hard.bodies import Punch, solve
 from hard.cases import Variant
-from scenes import WORLD, box, clamp, elastic, plane, vector_space
+from scenes import WORLD, Pair, box, clamp, elastic, plane, slide, vector_space
 
 import ufl
 from dolfinx import fem, mesh
@@ -55,6 +55,25 @@ def test_rounding_does_not_end_other_solves():
     measures, limits = problem.newton.measure()
     assert np.all(measures.rounding < 1e-2 * 1e-9 * measures.sizes)
     assert np.all(limits <= 1e-9 * measures.sizes) and np.all(measures.residuals <= limits)
+
+
+@pytest.mark.parametrize("options", ({}, {"petsc_options": {"snes_type": "newtonls"}}))
+def test_moved_far(options):
+    """A light block that has moved 1e4 of its sizes: rounding is a large part of its weight."""
+    pair, far, weight = Pair("triangle", n=(8, 6)), 1e4, 1e-6
+    pair.bcs = [
+        [clamp(pair.V[0], plane(pair.meshes[0], 1, -1.0), np.array([far, 0.0]))],
+        [slide(pair.V[1], 0, plane(pair.meshes[1], 1, 1.0), far)],
+    ]
+    pair.F[1] += fem.Constant(pair.meshes[1], weight) * ufl.TestFunction(pair.V[1])[1] * ufl.dx
+    for u in pair.u:
+        u.x.array[::2] = far
+    nodal = {"quadrature": "nodal", "enforcement": "penalty", "penalty": 30.0, "sliding": "small"}
+    pair.contact = qs.Contact(pair.slave, pair.master, **nodal)
+    problem = pair.problem(solver="direct", **options)
+    problem.solve()
+    assert problem.num_iterations <= 5
+    np.testing.assert_allclose(pair.contact.force("slave")[1], weight, rtol=1e-2)
 
 
 @pytest.mark.parametrize(
