@@ -75,7 +75,9 @@ def of_nodes(model: ContactModel) -> list[OfNodes]:
     ]
     for of_part, part in _remembering(model):
         for name in part.state.memory.first:
+            begun = functools.partial(_begun, part, name), functools.partial(_set_begun, part, name)
             own = functools.partial(_memory, part, name), functools.partial(_set, part, name)
+            out.append(OfNodes(f"{of_part}_{name}_begun", part.slave, *begun))
             out.append(OfNodes(f"{of_part}_{name}", part.slave, *own))
     for j, slip in enumerate(model.slips):
         slipped = functools.partial(_slipped, model, j), functools.partial(_set_slipped, model, j)
@@ -223,8 +225,20 @@ def _memory(part: Part, name: str) -> Array:
 
 def _set(part: Part, name: str, values: Array) -> None:
     memory = part.state.memory
-    new = np.array(values + memory.first[name])
-    part.state.memory = memory.with_values(memory.latest | {name: new})
+    end = memory.latest | {name: np.array(values + memory.first[name])}
+    part.state.memory = dataclasses.replace(memory, end=end)
+
+
+def _begun(part: Part, name: str) -> Array:
+    """As :func:`_memory`, at the start of the step: results of the step are with these values."""
+    memory = part.state.memory
+    return memory.start[name] - memory.first[name]
+
+
+def _set_begun(part: Part, name: str, values: Array) -> None:
+    memory = part.state.memory
+    start = memory.start | {name: np.array(values + memory.first[name])}
+    part.state.memory = dataclasses.replace(memory, start=start, end=memory.latest, rows=None)
 
 
 def _slipped(model: ContactModel, j: int) -> Array:

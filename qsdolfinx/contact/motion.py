@@ -239,7 +239,7 @@ def set_motion(model: ContactModel) -> None:
 def set_offset(
     model: ContactModel, slave: fem.Function | None, master: fem.Function | None
 ) -> None:
-    """Set displacements added to those of the unknowns, see :meth:`qs.Contact.set_offset`."""
+    """Set displacements added to those of the unknowns, see ``Contact.set_offset``."""
     offset = _vecs(model, slave, master)
     free_offset(model)
     model.offset = offset

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dolfinx import fem
 
-from qsdolfinx.base.checks import POSITIVE, check, either
+from qsdolfinx.base.checks import POSITIVE, check, either, require
 from qsdolfinx.base.rounding import ROUNDING
 
 Array = npt.NDArray[np.float64]
@@ -203,22 +203,24 @@ class Limited(Friction):
 
     @abc.abstractmethod
     def limit(self, rows: Rows) -> tuple[Array, Array]:
-        """κ (stress) and ∂κ/∂λ, (rows,) each."""
+        """κ ≥ 0 (stress) and ∂κ/∂λ, (rows,) each."""
 
     def respond(self, rows: Rows) -> Response:
         """τ and its derivatives."""
         limit, slope = self.limit(rows)
+        wrong = rows.closed & (rows.pressure > 0) & (limit < 0)
+        require(not wrong.any(), f"friction: {type(self).__name__}.limit must not be negative")
         limit = np.where(rows.unlimited, np.inf, limit)
         eps = rows.penalty[:, None]
         trial = rows.traction + eps * rows.slip
         size = np.linalg.norm(trial, axis=1)
         # A node that has slipped starts the next step on its limit: rounding must not decide.
-        slipping = rows.closed & (size > limit * (1 + ROUNDING))
+        slipping = rows.closed & ~(size <= limit * (1 + ROUNDING))  # and with NaN
         if rows.goes_on is not None:
             slipping |= rows.closed & rows.goes_on & (size > 0)
         safe = np.where(size > 0, size, 1.0)
         factor = np.where(slipping, np.minimum(limit / safe, 1.0), 1.0) * rows.closed
-        traction = np.where(factor[:, None] > 0, factor[:, None] * trial, 0.0)
+        traction = np.where(factor[:, None] <= 0, 0.0, factor[:, None] * trial)
         direction = np.where(slipping, 1 / safe, 0.0)[:, None] * trial
         plane = rows.projector - direction[:, :, None] * direction[:, None, :]
         return Response(

@@ -700,6 +700,7 @@ class Slip:
         given = [("slip", rows.slip), ("pressure", rows.pressure), *rows.memory.items()]
         named = f"friction: {type(self.friction).__name__}.respond"
         check_finite(named, response.traction, given, self.gap.of)
+        check_finite(f"{named} (∂τ/∂λ)", response.coupling, given, self.gap.of)
         if in_whole_step:
             return response
         return response._replace(

@@ -14,6 +14,7 @@ from qsdolfinx.friction.of_points import OfPoints, closest
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.steps.checkpoint import Checkpoint, StoredPoints, vertex_unknowns
 from qsdolfinx.surface.surface import Surface
+from qsdolfinx.tools.facet_surface import FacetSurface
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -103,8 +104,10 @@ def _numbered(slip: Slip, keys: Indices, place: Array) -> tuple[Indices, Array]:
     columns = [keys[:, :first], np.take_along_axis(numbers, order, axis=1)]
     there = keys[:, first + nv :]
     for body in master.bodies:
-        there = np.sort(_numbers(body, there[..., None]), axis=1)
-    columns.append(there)
+        there = _numbers(body, there[..., None])
+    for tool in master.tools if there.shape[1] else ():
+        there = _numbers_of_tool(tool.as_facets(slave.axisymmetric), there)
+    columns.append(np.sort(there, axis=1))
     return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
 
 
@@ -128,13 +131,40 @@ def _numbers(surface: Surface, dofs: Indices) -> Indices:
     unknowns, numbers = vertex_unknowns(surface.V)
     owned = unknowns < vec.local_size
     vec.array[unknowns[owned]] = numbers[owned]
+    out = _gathered(vec, wanted).astype(np.int64)
+    out[wanted < 0] = -1
+    vec.destroy()
+    return out
+
+
+def _numbers_of_tool(tool: FacetSurface, dofs: Indices) -> Indices:
+    """Numbers from the bits of initial coordinates, for vertices at points. Collective.
+
+    Args:
+        tool: The tool's facets.
+        dofs: First unknowns of the vertices, −1 for none, (points, vertices).
+    """
+    vec, own = tool.create_vec(), tool.node_dofs
+    x = tool.initial_vertices(np.arange(len(own)))[:, : tool.gdim]
+    vec.setValues(own.ravel().astype(PETSc.IntType), (x + 0.0).ravel())  # without −0
+    vec.assemble()
+    out = np.zeros(dofs.shape, dtype=np.int64)
+    for k in range(tool.gdim):
+        bits = _gathered(vec, np.where(dofs < 0, -1, dofs + k)).view(np.int64)
+        out = out * 6364136223846793005 + bits  # modulo 2⁶⁴
+    out[dofs < 0] = -1
+    vec.destroy()
+    return out
+
+
+def _gathered(vec: PETSc.Vec, wanted: Indices) -> Array:
+    """Values of a vector at unknowns of any rank, in the shape of these; any at −1. Collective."""
     local = PETSc.Vec().createSeq(wanted.size, comm=PETSc.COMM_SELF)
     some = np.maximum(wanted, 0).ravel().astype(PETSc.IntType)
     here = PETSc.IS().createGeneral(some, PETSc.COMM_SELF)
     scatter = PETSc.Scatter().create(vec, here, local, None)
     scatter.scatter(vec, local)
-    out = np.array(local.array_r).reshape(wanted.shape).astype(np.int64)
-    out[wanted < 0] = -1
-    for thing in (vec, local, here, scatter):
+    out = np.array(local.array_r).reshape(wanted.shape)
+    for thing in (local, here, scatter):
         thing.destroy()
     return out

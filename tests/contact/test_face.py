@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from scenes import WORLD, Pair, box, elastic, plane, vector_space
+from scenes import WORLD, Pair, box, clamp, elastic, plane, vector_space
 
 from dolfinx import fem
 
@@ -67,35 +67,29 @@ def test_arguments_by_name():
 
 @pytest.mark.parallel
 def test_name_and_step_in_messages():
-    """A tie with a gap that rotates in small sliding: the message has contact name and step."""
-    msh = [box(WORLD, (2, 2), "quadrilateral", [0, y], [1, y + 1]) for y in (0.0, 1.2)]
-    V = [vector_space(m) for m in msh]
-    u = [fem.Function(W) for W in V]
-    sides = [plane(msh[0], 1, 1.0), plane(msh[1], 1, 1.2)]
-    surfaces = [qs.Surface(W, facets=f) for W, f in zip(V, sides, strict=True)]
-    options = {"law": qs.Tied(), "sliding": "small", "search_radius": 1.0}
-    contact = qs.Contact(surfaces[1], surfaces[0], name="glue", **options)
-    held = fem.Constant(msh[0], [0.0, 0.0])
-    pulled = fem.Constant(msh[1], [0.0, 0.0])
-    bcs = [
-        fem.dirichletbc(held, fem.locate_dofs_topological(V[0], 1, plane(msh[0], 1, 0.0)), V[0]),
-        fem.dirichletbc(pulled, fem.locate_dofs_topological(V[1], 1, plane(msh[1], 1, 2.2)), V[1]),
-    ]
-    problem = qs.ContactProblem([elastic(u[0]), elastic(u[1])], u, [contact], bcs)
+    """A corner that meets a body in the second step: the message has contact name and step."""
+    msh = box(WORLD, (8, 4), "quadrilateral", [-1.0, -1.0], [1.0, 0.0])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    x = np.array([[-0.6, 0.7], [0.1, 0.1], [0.6, 0.7]])
+    tool = qs.RigidSurface.triangulated(WORLD, x, [[0, 1], [1, 2]])
+    top = qs.Surface(V, facets=plane(msh, 1, 0.0))
+    contact = qs.Contact(top, tool, sliding="finite", name="wedge")
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [[clamp(V, plane(msh, 1, -1.0))]])
 
     def drive(t, dt):
-        pulled.value[:] = (0.8 if t > 0.75 else 0.0), 0.0
+        tool.displacement = [0.0, -0.12 if t > 0.75 else 0.0]
 
-    stepper = qs.TimeStepper(problem, 0.5, drive, num_pairings=1, max_penetration=None)
+    stepper = qs.TimeStepper(problem, 0.5, drive)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         for _ in stepper.run(1.0):
             pass
     texts = [str(w.message) for w in caught if issubclass(w.category, qs.ContactWarning)]
-    assert texts and all(text.startswith("step 2, t = 1: contact 'glue': ") for text in texts), (
+    assert texts and all(text.startswith("step 2, t = 1: contact 'wedge': ") for text in texts), (
         texts
     )
-    assert contact.name == "glue"
+    assert contact.name == "wedge"
 
 
 def test_what_cannot_be_set():

@@ -9,6 +9,7 @@ from rigid_scenes import Pressed, flat
 from scenes import WORLD, largest, raises_everywhere
 
 import qsdolfinx as qs
+from qsdolfinx.friction import Limited
 
 
 class Mended(RuntimeError):
@@ -211,3 +212,30 @@ def test_friction_that_is_not_finite(sliding):
         WORLD, qs.ConvergenceError, "contact 'rubbed': friction: NanFriction", scene.problem.solve
     )
     assert error.reason_name == "LAW_NOT_FINITE" and "way = 0" in error.why
+
+
+class Spoilt(Limited):
+    """Coulomb friction whose limit or slope is changed by a factor on the last rank."""
+
+    def __init__(self, limit=1.0, slope=1.0):
+        super().__init__(mu=0.3)
+        self._factors = (limit, slope) if WORLD.rank == WORLD.size - 1 else (1.0, 1.0)
+
+    def limit(self, rows):
+        mu = rows.parameters["mu"]
+        return self._factors[0] * mu * rows.pressure, self._factors[1] * mu
+
+
+@pytest.mark.parametrize(
+    ("factors", "error", "match"),
+    [
+        ({"limit": np.nan}, qs.ConvergenceError, "Spoilt.respond has returned"),
+        ({"slope": np.nan}, qs.ConvergenceError, "(∂τ/∂λ) has returned"),
+        ({"limit": -1.0}, ValueError, "Spoilt.limit must not be negative"),
+    ],
+)
+def test_limits_of_friction(factors, error, match):
+    """A limit that is NaN or negative, or whose slope is NaN, is an error: nothing may stick."""
+    scene = Pressed("triangle", flat, friction=Spoilt(**factors))
+    scene.tool.displacement[:] = 0.01, -0.01
+    raises_everywhere(WORLD, error, match, scene.problem.solve)

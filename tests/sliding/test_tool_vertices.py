@@ -2,12 +2,14 @@
 
 import pathlib
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from following import Body, problem_of
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
@@ -168,6 +170,43 @@ def test_restart(degree, mu, tmp_path_factory):
         assert largest(forces[1] - forces[0]) < 1e-8 * largest(forces[0])
         for stepper in steppers:
             stepper.step()
+
+
+def dragged(comm):
+    """Contact and stepper of a block on which a tool of three facets is pressed and dragged."""
+    msh = mesh.create_rectangle(comm, [[-0.55, 0.0], [0.45, 0.5]], [6, 3])
+    V = vector_space(msh)
+    u = fem.Function(V)
+    x = np.array([[-0.6, 0.9], [-0.3, 0.52], [0.1, 0.502], [0.6, 0.9]])
+    tool = qs.RigidSurface.triangulated(comm, x, [[0, 1], [1, 2], [2, 3]])
+    top = qs.Surface(V, facets=plane(msh, 1, 0.5))
+    contact = qs.Contact(top, tool, friction=qs.Coulomb(0.4), sliding="finite")
+    problem = qs.ContactProblem(elastic(u), u, contact, [clamp(V, plane(msh, 1, 0.0))])
+
+    def drive(t, dt):
+        tool.displacement = (0.02 * dt if t > 0.5 else 0.0), -0.04 * dt
+
+    return contact, qs.TimeStepper(problem, 0.25, drive)
+
+
+@pytest.mark.parallel
+def test_restart_on_other_ranks(tmp_path):
+    """Friction goes on where it was, whichever rank has the facets of the tool."""
+    folder = WORLD.bcast(tmp_path, root=0) / "run"
+    alone, first = dragged(MPI.COMM_SELF)
+    for _ in first.run(1.0):
+        pass
+    if WORLD.rank == 0:
+        qs.save_run(first, folder)
+    WORLD.barrier()
+    together, second = dragged(WORLD)
+    qs.load_run(second, folder)
+    for _ in range(2):
+        np.testing.assert_allclose(together.force("slave"), alone.force("slave"), rtol=1e-9)
+        first.step()
+        second.step()
+    work = together.dissipated_energy(), WORLD.bcast(alone.dissipated_energy())
+    assert work[0] == pytest.approx(work[1], rel=1e-7)
 
 
 @pytest.mark.parametrize("part", (1e-2, 1e-3, 1e-4, 1e-5))
