@@ -49,7 +49,7 @@ class Evaluated(typing.NamedTuple):
     arc: Array | float = 1.0
 
 
-def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
+def slip_and_energy(law: Friction, step: Evaluated, begun: float = 1.0) -> tuple[Array, Array]:
     """Slip (length) and dissipated energy per area in a step, (rows, gdim) and (rows,).
 
     The energy is the work of the friction forces on the relative displacement of the step, without
@@ -68,8 +68,14 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
     stick there: slip and energy of the next step must not depend on it.
 
     Where an edge slides over constraints, force passes from one constraint to the next, and
-    pressures at the start and at the end belong to different areas. Then only the forces at the end
-    are used; they are the whole friction on the part in contact.
+    pressures at the start and at the end belong to different areas. Then the forces at the end are
+    used, which are the whole friction on the part in contact, and all pressures change like the
+    normal force of the contact.
+
+    Args:
+        law: The law.
+        step: The constraints at the end of the step.
+        begun: Normal force at the start of the step over that at the end, used if areas change.
     """
     rows, response = step.rows, step.response
     closed = rows.closed[:, None]
@@ -79,7 +85,7 @@ def slip_and_energy(law: Friction, step: Evaluated) -> tuple[Array, Array]:
         return slip, np.sum(response.traction * way, axis=1)
     energy = np.sum(response.traction * slip, axis=1)
     if not step.same:
-        return slip, energy
+        return slip, law.growth(rows._replace(pressed=begun * rows.pressure)) * energy
     energy = law.growth(rows) * energy
     leaving = step.leaving > 0
     if leaving.any():

@@ -477,6 +477,23 @@ class Slip:
         local = bool(np.any(change & self.gap.rows.on_nodes(in_contact, False).astype(bool)))
         return not self.slave.comm.allreduce(local, op=MPI.LOR)
 
+    def _begun_force(self) -> float:
+        """Normal force at the start of the step over that now, from nodal pressures. Collective.
+
+        It is 1 for constraints at nodes.
+        """
+        rows, known = self.gap.rows, self.state.of_nodes
+        if not isinstance(rows, PointRows):
+            return 1.0
+        now = rows.projected(self.state.pressure[:, None])
+        before = np.zeros((len(now), 1)) if known is None else known[:, ::3]  # of each patch
+        forces = [
+            float(covered @ (self.slave.node_area * np.maximum(pressure, 0.0).max(axis=1)))
+            for covered, pressure in ((self.state.covered, before), (self.covered, now))
+        ]
+        start, end = self.slave.comm.allreduce(np.array(forces), op=MPI.SUM)
+        return float(start / end) if end > 0 else 1.0
+
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
         self.operator.constrain(handle_of(slave), handle_of(master))
@@ -857,8 +874,9 @@ class Slip:
 
     def _slid(self, evaluated: Evaluated) -> Slid:
         """Slip, traction and dissipated energy per area in this step. Collective."""
+        begun = 1.0 if evaluated.same else self._begun_force()
         with collective_errors(self.slave.comm):  # a law may be the user's
-            slip, energy = slip_and_energy(self.friction, evaluated)
+            slip, energy = slip_and_energy(self.friction, evaluated, begun)
         return Slid(slip / self.cover[:, None], evaluated.response.traction, energy)
 
     def commit(self) -> None:

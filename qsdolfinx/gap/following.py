@@ -471,7 +471,7 @@ class Following:
         if missed:
             raise NoGapError(
                 f"{missed} segments of curved contact facets have rays that meet no point of the "
-                "opposite facet: the facets are too curved for their size"
+                "opposite facet: the deformed facets are too curved for their size"
             )
         node_area = self._cutter.node_area(places)
         alone = self._alone(found, vertices, node_area)
