@@ -493,7 +493,9 @@ class Crumpled:
             f = forces[node]
             size = np.linalg.norm(f)
             beside = np.linalg.norm(forces[boundary.simplices[parts].ravel()], axis=1).max()
-            none = max(10 * NO_FORCE * unit, LITTLE * beside)
+            # Forces across a depth have a moment, and the nodes of a facet a couple against it.
+            depth = max(0.0, -gap[parts].min()) / boundary.size[parts].min()
+            none = max(10 * NO_FORCE * unit, max(LITTLE, depth) * beside)
             if size <= none or self.is_held[self.number[node]]:
                 continue
             open_by = (gap[parts] - allowed[parts]).min()

@@ -168,7 +168,7 @@ def test_leaves_with_a_clearance(gap, options):
     # The force on both clamps is the load.
     total = -load * height * length
     for k, part in ((0, contact.force("master")[1]), (1, total - contact.force("master")[1])):
-        held = [bc.dof_indices()[0] for bc in bcs[k]][0]
+        held = bcs[k][0].dof_indices()[0]
         b = fem.assemble_vector(fem.form(F[k]))
         b.scatter_reverse(la.InsertMode.add)
         owned = held[held < num_owned(u[k])]
