@@ -110,8 +110,10 @@ def test_restart(tmp_path, at):
     qs.load_run(steppers[2], folder)
     of_second, of_first = (scene.contact.memory("damage") for scene in (second, first))
     np.testing.assert_allclose(of_second, of_first, atol=1e-14)
-    # Forces are those of the step, with the history variables at its start.
-    np.testing.assert_allclose(state(second), state(first), rtol=1e-9, atol=1e-11)
+    # Forces are those of the step, with the history variables at its start; at nodes, those of
+    # Newton's last iterate.
+    rtol = 1e-4 if at in ("nodal", "nodes") else 1e-9
+    np.testing.assert_allclose(state(second), state(first), rtol=rtol, atol=1e-11)
     for _ in range(3):
         steppers[0].step()
         steppers[2].step()
@@ -234,7 +236,7 @@ def test_pairing_anew(at):
     scene.contact.update()
     np.testing.assert_array_equal(scene.contact.memory("damage"), before)
     names = [q.name for q in memory.of_nodes(scene.contact.model)]
-    assert names == ["multiplier_0", "law_0_damage"]
+    assert names == ["multiplier_0", "law_0_damage_begun", "law_0_damage"]
 
 
 def at_points(n=5):

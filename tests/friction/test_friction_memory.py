@@ -278,7 +278,9 @@ def test_pairing_anew():
         scene.stepper.step()
     names = [q.name for q in memory.of_nodes(scene.contact.model)]
     assert [name for name in names if name.startswith("friction")] == [
+        "friction_0_energy_begun",
         "friction_0_energy",
+        "friction_0_depth_begun",
         "friction_0_depth",
     ]
     before = scene.contact.memory("depth")
