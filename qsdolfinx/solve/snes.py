@@ -93,9 +93,9 @@ REMEDY = (
 #: The remedy for steps that cannot be cut back any further.
 REMEDY_IN_STEPS = (
     "if the active set keeps changing, as over sharp edges or between coarse or rough facets, swap "
-    'slave and master, or, with sliding="finite", take "small" and steps smaller than a facet; else '
-    "nothing may balance the load, or a structure may snap through: drive it by displacements, or "
-    "give F damping or inertia"
+    'slave and master, or, with sliding="finite", take "small" and steps smaller than a facet; '
+    "else nothing may balance the load, or a structure may snap through: drive it by "
+    "displacements, or give F damping or inertia"
 )
 REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and active contacts"
 
