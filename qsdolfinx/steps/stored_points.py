@@ -151,7 +151,7 @@ def _numbers_of_tool(tool: FacetSurface, dofs: Indices) -> Indices:
     out = np.zeros(dofs.shape, dtype=np.int64)
     for k in range(tool.gdim):
         bits = _gathered(vec, np.where(dofs < 0, -1, dofs + k)).view(np.int64)
-        out = out * 6364136223846793005 + bits  # modulo 2⁶⁴
+        out = out * 6364136223846793005 + bits  # modulo 2⁶⁴, by Knuth's MMIX multiplier
     out[dofs < 0] = -1
     vec.destroy()
     return out

@@ -164,7 +164,8 @@ def test_leaves_with_a_clearance(gap, options):
     contact = qs.Contact(sides[1], sides[0], **options)
     problem = qs.ContactProblem(F, u, [contact], bcs)
     problem.solve()
-    assert problem.num_iterations <= (40 if "friction" in options else 30)
+    both = "friction" in options and "sliding" in options
+    assert problem.num_iterations <= (60 if both else 40)
     # The force on both clamps is the load.
     total = -load * height * length
     for k, part in ((0, contact.force("master")[1]), (1, total - contact.force("master")[1])):
