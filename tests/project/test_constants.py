@@ -124,4 +124,5 @@ def of_cpp(file, name):
 def test_same_numbers_in_the_extension():
     """Numbers that Python and the extension share are the same."""
     assert of_cpp("sliding/ray.cpp", "most_turned") == MOST_TURNED
-    assert abs(of_cpp("surface/surface.h", "smooth_cosine") - np.cos(SHARP)) < 1e-6
+    # A little less, so that rounding does not decide about polygons of 12 sides.
+    assert 1e-7 < np.cos(SHARP) - of_cpp("surface/surface.h", "smooth_cosine") < 1e-6
