@@ -80,16 +80,12 @@ def pressures_on_nodes(slip: Slip) -> Array:
     it reached, with constraints at points for each smooth patch of the node; then the covered part
     of its area, and which components conditions have moved.
     """
-    state, rows = slip.state, slip.gap.rows
-    columns = np.column_stack([state.pressed, state.slipped, state.used])
-    if isinstance(rows, PointRows) and slip.gap.following is not None:
-        none = np.zeros((len(state.covered), 3 * slip.slave.block))
-        of_rows = none if state.of_nodes is None else state.of_nodes
-    elif isinstance(rows, PointRows):
-        of_rows = rows.projected(columns)
-    else:
-        of_rows = rows.on_nodes(columns, 0.0).astype(np.float64)
-    return np.column_stack([of_rows, state.covered, state.moved])
+    state = slip.state
+    num = 3 * (slip.slave.block if isinstance(slip.gap.rows, PointRows) else 1)
+    none = np.zeros((len(state.covered), num))
+    return np.column_stack(
+        [none if state.of_nodes is None else state.of_nodes, state.covered, state.moved]
+    )
 
 
 def set_pressures_on_nodes(slip: Slip, columns: Array) -> None:

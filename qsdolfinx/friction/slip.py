@@ -91,9 +91,10 @@ class SlipState:
             known.
         of_points: With updated geometry, data of the points at the start of the step, see ``rest``;
             None before these are known.
-        of_nodes: With updated geometry, where points change at each evaluation, functions of the
-            smooth patches of nodes instead of ``pressed``, ``slipped`` and ``used``, (nodes,
-            block * 3); None before there are any.
+        of_nodes: ``pressed``, ``slipped`` and ``used`` of all owned nodes, from which those of new
+            contact pairs, or of points that change at each evaluation, are computed, (nodes, 3);
+            with constraints at points for the smooth patches of nodes, (nodes, block * 3). None
+            before there are any.
         closing: With updated geometry, functions of the nodes instead of ``until_closed`` and
             ``share``, (nodes, gdim + 1), so that the response does not jump when points move to
             another facet. None if the whole step counts for all constraints.
@@ -941,11 +942,6 @@ class Slip:
                 at = self.gap.slip_at_points(self.state.begun)
                 kept = OfPoints(at.facets, at.place, self.state.rest, self._normal)
                 self.state.of_points = kept
-                slipping = self.state.response.slipping
-                columns: Array = np.column_stack(
-                    [self.state.pressure, slipping.astype(np.float64), self.state.used]
-                )
-                self.state.of_nodes = rows.projected(columns)
         else:
             self.state.augmented = traction
         self.state.start = self.state.carried
@@ -954,6 +950,11 @@ class Slip:
         self.state.pressed = self.state.pressure
         self.state.covered = self.covered
         self.state.slipped = self.state.response.slipping.astype(np.float64)
+        columns = np.column_stack([self.state.pressed, self.state.slipped, self.state.used])
+        if isinstance(rows, PointRows):
+            self.state.of_nodes = rows.projected(columns)
+        else:
+            self.state.of_nodes = rows.on_nodes(columns, 0.0).astype(np.float64)
         closed = self.gap.rows.on_nodes(self.state.closed, False).astype(bool)
         self.state.moved = np.where(closed[:, None], self.state.moved, 0.0)
         self.state.at_start = self.state.now

@@ -151,7 +151,7 @@ def committed(law: Remembering, what: str, found: typing.Any, num_rows: int) -> 
 
 @contextlib.contextmanager
 def named_keys(law: Remembering, what: str) -> typing.Iterator[None]:
-    """Say which names a law with history variables has, if it asks for another inside the block.
+    """Say which history variables a law has, if it raises a KeyError inside the block.
 
     Args:
         law: The law.
@@ -165,7 +165,8 @@ def named_keys(law: Remembering, what: str) -> typing.Iterator[None]:
     except KeyError as error:
         if not law.memory:
             raise
-        text = f"{what}: {type(law).__name__} has asked for {error}; its memory is"
+        text = f"{what}: {type(law).__name__} has raised KeyError({error}); if that is meant to be"
         raise ValueError(
-            f"{text} {sorted(law.memory)}, and its commit must return these names"
+            f"{text} a history variable: its memory is {sorted(law.memory)}, and its commit must "
+            "return these names"
         ) from error

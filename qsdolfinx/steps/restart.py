@@ -108,7 +108,8 @@ def load_run(
     contact detection is done at the positions at which the run ended, and gaps and forces are then
     those of the saved multipliers: they differ from the saved forces by the change of areas and
     normals since the contact detection of the last step. With a penalty they are those of the gaps
-    at these positions; on a curved tool this difference may be larger.
+    at these positions. The difference may be larger on a curved tool, and a corner of a tool that
+    is not paired there has no force until the next step. Later steps are as without interruption.
 
     Args:
         stepper: The run, set up exactly as before; on the meshes of :func:`qs.load_meshes` if it

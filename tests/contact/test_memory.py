@@ -415,7 +415,8 @@ class Named(Bond):
         (Other, "law: Other.commit must return a dict of its memory, ['damage'], not ['wear']"),
         (
             Misnamed,
-            "law: Misnamed has asked for 'damage'; its memory is ['damage'], and its commit",
+            "law: Misnamed has raised KeyError('damage'); if that is meant to be a history "
+            "variable: its memory is ['damage'], and its commit",
         ),
         (Lists, "law: Lists.commit must return a dict of its memory, ['damage'], not ndarray"),
         (Tangent, "law: slope must be positive"),

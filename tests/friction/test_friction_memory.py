@@ -339,7 +339,11 @@ class InPlace(Weakening):
         (Forgets, "friction: a law that remembers needs commit"),
         (Endless, "friction: memory must have a name and a finite initial value"),
         (Misnamed, "friction: Misnamed.commit must return a dict of its memory, ['way'], not ['s"),
-        (Asks, "friction: Asks has asked for 'slip'; its memory is ['way']"),
+        (
+            Asks,
+            "friction: Asks has raised KeyError('slip'); if that is meant to be a history "
+            "variable: its memory is ['way']",
+        ),
         (Returns, "friction: Returns.commit must return a dict of its memory, ['way'], not ndarr"),
         (Vectors, "friction: Vectors.commit must return finite 'way' for each constraint"),
         (InPlace, "read-only"),

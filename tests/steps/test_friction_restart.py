@@ -117,6 +117,29 @@ class Cornered:
         self.tool.displacement = np.subtract(self.PATH[step - 1], before)
 
 
+class Indented:
+    """A block into which a tool with two blunt corners is pressed, then dragged.
+
+    At the solution of a step one corner is not paired that carries in this step and the next.
+    """
+
+    def __init__(self, comm=WORLD, partition="forward", **options):
+        msh = box(comm, (6, 3), "triangle", [-0.55, 0.0], [0.45, 0.5], partition)
+        V = vector_space(msh)
+        u = fem.Function(V)
+        x = [[-0.6, 0.9], [-0.3, 0.52], [0.1, 0.502], [0.6, 0.9]]
+        self.tool = qs.RigidSurface.triangulated(comm, x, [[0, 1], [1, 2], [2, 3]])
+        slave = qs.Surface(V, facets=plane(msh, 1, 0.5))
+        self.contacts = [qs.Contact(slave, self.tool, friction=qs.Coulomb(0.1), **options)]
+        bcs = [clamp(V, plane(msh, 1, 0.0))]
+        form = elastic(u, E=2e3, nu=0.3)
+        self.problem = qs.ContactProblem([form], [u], self.contacts, [bcs])
+        self.stepper = qs.TimeStepper(self.problem, 0.25, self.move)
+
+    def move(self, t, dt):
+        self.tool.displacement = [0.02 * dt if t > 0.5 else 0.0, -0.04 * dt]
+
+
 class Flowing(Upset):
     """A viscous block on an elastic die, upset by a plane that also drags the block."""
 
@@ -164,6 +187,7 @@ CASES = {
     "ball": (Rolled, {}),
     "corner": (Cornered, {}),
     "flow": (Flowing, {}),
+    "edges": (Indented, {}),
     "overhanging": (Overhanging, {}),
 }
 
@@ -197,6 +221,7 @@ def states(contact):
         ("ball", 2, AUGMENTED),
         ("corner", 2, PENALTY),
         ("corner", 2, AUGMENTED),
+        ("edges", 4, {"sliding": "small"}),
         ("flow", 2, PENALTY),
         ("flow", 2, AUGMENTED),
         ("overhanging", 4, PENALTY),
