@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from rigid_scenes import grid_cells
 from scenes import WORLD, blocks, box, create_mesh, gathered, plane, vector_space
 
 import basix.ufl
@@ -190,3 +191,22 @@ def test_ties_but_for_rounding():
         assert len(reference) == 25
         for found in others:
             np.testing.assert_allclose(found, reference, atol=1e-9)
+
+
+@pytest.mark.parametrize("mirrored", (False, True))
+def test_beside_the_rim(mirrored):
+    """Nodes that a flat patch does not cover have no partner, also in line with its vertices."""
+    s = np.linspace(0.0, 1.0, 5)
+    x = np.stack([*map(np.ravel, np.meshgrid(s, s)), np.zeros(25)], axis=1)
+    cells = grid_cells(4, 3)[:, :: 1 if mirrored else -1]
+    x[:, 0] = 1 - x[:, 0] if mirrored else x[:, 0]  # with the other diagonals
+    given = (x, cells) if WORLD.rank == 0 else (None, None)
+    tool = qs.RigidSurface.triangulated(WORLD, *given)
+    msh = box(WORLD, (8, 8, 1), "hexahedron", [-0.5, -0.5, 0.3], [1.5, 1.5, 0.5], "scattered")
+    slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.3))
+    options = {"formulation": "master-slave", "quadrature": "nodal", "search_radius": 2.0}
+    (points,) = qs.Contact(slave, tool, **options).model.pairings
+    x = gathered(WORLD, slave.node_x)
+    above = np.all((x[:, :2] > -1e-9) & (x[:, :2] < 1 + 1e-9), axis=1)
+    found = gathered(WORLD, points.slave.x)
+    np.testing.assert_array_equal(*(np.unique(p.round(9), axis=0) for p in (found, x[above])))
