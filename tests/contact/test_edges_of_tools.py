@@ -238,7 +238,6 @@ def test_tip_beside_an_edge_of_the_block():
     np.testing.assert_allclose(force[:2], 0.0, atol=1e-9 * -force[2])
 
 
-
 def test_degree_2_along_diagonals():
     """An edge above corner nodes only penetrates no deeper than an edge next to these nodes."""
     forces = []

@@ -97,7 +97,6 @@ def test_pieces_of_straight_paths(gdim, cell):
     np.testing.assert_allclose(*found, rtol=1e-8, atol=1e-10)
 
 
-
 class OntoASheet:
     """A block that is pushed down by 0.2 on a thin part, through a small gap.
 

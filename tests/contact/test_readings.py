@@ -83,7 +83,6 @@ def test_patch(gdim):
     np.testing.assert_allclose([area, np.pi * radius**2 if gdim == 3 else 2 * radius], 2.0)
 
 
-
 OPTIONS = {
     "nodes": {"constraints": "nodes"},
     "points": {},

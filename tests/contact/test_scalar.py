@@ -208,7 +208,6 @@ def test_gas_below_a_tool_that_moves():
     assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
 
 
-
 @pytest.mark.parametrize("wide", (False, True))
 def test_gaps_beyond_the_search_radius(wide):
     """A conductance that acts across gaps gives a warning; one that needs pressure does not."""

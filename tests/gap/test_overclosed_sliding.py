@@ -155,7 +155,6 @@ def test_uneven_depths_are_not_for_others():
         assert largest(allowed[beside] - (0.0 if bumps else 0.01)) < 1e-12
 
 
-
 def test_a_round_tool_slides():
     """A round tool that slides gives a warning: its initial depths would have to move with it."""
 

@@ -128,4 +128,3 @@ def test_velocities_beside_displacements():
     problem.solve()
     assert problem.newton.linear.soft.count == 1
     problem.destroy()
-

@@ -161,7 +161,6 @@ def test_new_table(folder):
     assert read(folder / "run.csv") == [{"t": 2.0}]
 
 
-
 def test_no_part_of_a_line_after_an_error(folder):
     """A line for which the disk has no space is removed; the next one is complete."""
     history = qs.History(WORLD, folder / "full.csv", verbose=False)

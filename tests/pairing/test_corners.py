@@ -106,7 +106,6 @@ def test_ramp_in_front_of_a_side(slope, expected):
     assert len(pairs_at(contact, low)) == expected
 
 
-
 @pytest.mark.parametrize(
     "distance, expected", ((0.02, 2), (RADIUS - 0.01, 2), (RADIUS + 0.01, 1), (1.4, 1))
 )

@@ -87,7 +87,6 @@ def test_a_wall_in_between():
     assert hidden == [0, 25]
 
 
-
 def hollow(low, high, wall):
     """Make triangles of a box with a cavity: outer walls and walls that face into the cavity."""
     x, triangles = [], []

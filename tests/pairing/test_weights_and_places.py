@@ -105,4 +105,3 @@ def test_edges_share_the_area(cell):
     msh = box(WORLD, (3, 2, 2), cell, [0.0] * 3, [3.0, 1.0, 1.0], "scattered")
     surface = qs.Surface(vector_space(msh), facets=plane(msh, 2, 1.0))
     np.testing.assert_allclose(WORLD.allreduce(edges_of(surface).area.sum()), 3.0, rtol=1e-12)
-

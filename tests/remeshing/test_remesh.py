@@ -201,7 +201,6 @@ def test_growth_of_sizes():
     np.testing.assert_allclose(found, np.min(sizes + part * way, axis=1), rtol=1e-12)
 
 
-
 def test_size_from_curvature_is_radius_times_angle():
     msh = mesh.create_rectangle(WORLD, [[0, 0], [1, 1]], [40, 40])
     x = msh.geometry.x

@@ -135,7 +135,6 @@ def test_without_cover(cell):
     assert errors(equations, z, scale) < 1e-8
 
 
-
 def equations_between(bodies, *surfaces, **options):
     problem = problem_of(bodies, [qs.Contact(*surfaces, sliding="finite", **options)])
     problem.set_up()

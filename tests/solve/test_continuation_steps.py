@@ -81,4 +81,3 @@ def test_as_before_after_a_failure(monkeypatch):
         qs.solve_with_continuation(problem, m, 0.1)
     assert len(solved) == 1 and m.value == 1.0
     assert same(case.state()[:-2], before)
-

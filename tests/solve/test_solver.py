@@ -383,7 +383,6 @@ def test_counts_of_both_sides():
     assert list(problem.active_history[-1]) == [pair.contact.report().active]
 
 
-
 def test_freed(destroy_problems):
     """A problem that is dropped without destroy() is not kept alive by PETSc's callbacks."""
     problem = Pair("triangle").problem()

@@ -212,7 +212,6 @@ def test_solve_that_fails():
     np.testing.assert_array_equal(tool.rotation, [0.03])
 
 
-
 @pytest.mark.parallel
 def test_a_tool_that_passes_to_a_pad_on_another_rank():
     """When one pad is lowered, the tool rests on the other one alone, which another rank has."""

@@ -144,7 +144,6 @@ def test_solve_after_solve():
     assert found[0] == found[1]
 
 
-
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("law", ("linear", "neo-hookean"))
 def test_beside_a_stiff_body(law, enforcement):

@@ -114,7 +114,6 @@ def test_moment_on_a_rotated_tool(gdim):
     np.testing.assert_allclose(second.A @ x + second.b, change, atol=1e-6)
 
 
-
 @pytest.mark.parametrize("gdim", (2, 3))
 def test_mirrored_tools_are_refused(gdim):
     tool = flat(WORLD, gdim)

@@ -84,7 +84,6 @@ def test_derivatives_of_normals(shape):
         np.testing.assert_allclose(found[:, :, k], change, atol=1e-7)
 
 
-
 @pytest.mark.parametrize("cell", CELLS)
 def test_facets_of_a_plane_are_the_plane(cell):
     """For a tilted plane, facets give the same gaps, normals and areas at nodes as the plane."""
