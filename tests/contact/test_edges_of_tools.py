@@ -221,6 +221,23 @@ def test_beside_the_rim(kind, enforcement):
         assert largest(contact.force("slave")) == 0.0
 
 
+def test_tip_beside_an_edge_of_the_block():
+    """The force at the tip of a pyramid is normal to the face that it presses, up to its edge."""
+    msh = box(WORLD, (3, 3, 3), "hexahedron", [0.0] * 3, [1.0] * 3, "scattered")
+    V = vector_space(msh)
+    facets = np.unique(np.concatenate([plane(msh, 2, 1.0), plane(msh, 0, 1.0)]))
+    rim = [[0.5, 0.1, 1.8], [1.3, 0.1, 1.8], [1.3, 0.9, 1.8], [0.5, 0.9, 1.8]]
+    x, cells = np.array([[0.9, 0.5, 1.0], *rim]), [[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4]]
+    tool = qs.RigidSurface.triangulated(WORLD, *((x, cells) if WORLD.rank == 0 else (None, None)))
+    tool.displacement = [0.0, 0.0, -0.004]
+    u, contact = fem.Function(V), qs.Contact(qs.Surface(V, facets=facets), tool)
+    bcs = [clamp(V, plane(msh, 2, 0.0))]
+    qs.ContactProblem([elastic(u)], [u], [contact], [bcs]).solve()
+    force = contact.force("slave")
+    assert force[2] < -1e-4
+    np.testing.assert_allclose(force[:2], 0.0, atol=1e-9 * -force[2])
+
+
 def test_degree_2_along_diagonals():
     """An edge above corner nodes only penetrates no deeper than an edge next to these nodes."""
     forces = []

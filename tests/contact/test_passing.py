@@ -78,6 +78,25 @@ def test_lengths_within_a_box(gdim, cell, moves):
         assert np.allclose(lengths, expected[mine], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("gdim, cell", ((2, "triangle"), (3, "tetrahedron"), (3, "hexahedron")))
+def test_pieces_of_straight_paths(gdim, cell):
+    """Lengths do not depend on the number of pieces of straight paths, also if the box deforms."""
+    facets, rng = boundary(gdim, cell)[0].cpp_object, np.random.default_rng(3)
+    shear, ends, normal = np.zeros((3, 3)), np.zeros((2, 400, 3)), np.zeros((400, 3))
+    shear[:gdim, :gdim] = rng.uniform(-0.7, 0.7, (gdim, gdim))
+    ends[..., :gdim] = rng.uniform(-0.6, 0.6, (2, 400, gdim))
+    normal[:, :gdim] = rng.normal(size=(400, gdim))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    found = []
+    for num in (1, 3):
+        times = np.linspace(0, 1, num + 1)
+        facet_x = np.stack([facets.facet_x + (1 - t) * facets.facet_x @ shear for t in times])
+        x = np.stack([(1 - t) * ends[0] + t * ends[1] for t in times])
+        found.append(_cpp.passed_lengths(facets, num, facet_x, x, np.stack([normal] * (num + 1))))
+    assert np.count_nonzero(found[0]) > 10
+    np.testing.assert_allclose(*found, rtol=1e-8, atol=1e-10)
+
+
 class OntoASheet:
     """A block that is pushed down by 0.2 on a thin part, through a small gap.
 

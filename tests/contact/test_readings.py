@@ -74,6 +74,15 @@ def same(found, before):
     assert not any(WORLD.allgather(faults)), faults
 
 
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_patch(gdim):
+    """The radius of a patch is that of a disc of the same area, in 2D half of its length."""
+    scene = Press(gdim)
+    scene.press()
+    area, radius = scene.contact.patch()
+    np.testing.assert_allclose([area, np.pi * radius**2 if gdim == 3 else 2 * radius], 2.0)
+
+
 OPTIONS = {
     "nodes": {"constraints": "nodes"},
     "points": {},

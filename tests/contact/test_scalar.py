@@ -191,6 +191,23 @@ def test_gas_in_a_gap(tool):
     assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
 
 
+def test_gas_below_a_tool_that_moves():
+    """The gap is that to the tool at the end of its motion."""
+    scene, gap = Pressed(press=-0.05), 0.05
+    die = qs.RigidSurface.plane(WORLD, [0.0, 1.03], [0.0, -1.0])
+    bodies = qs.Contact(scene.contact.slave, die, search_radius=0.2)
+    problem = qs.ContactProblem([elastic(scene.u[0])], scene.u[:1], [bodies], [scene.bcs[0]])
+    die.displacement = [0.0, gap - 0.03]
+    problem.solve()
+    gas = qs.rough_surfaces(conductivity=K, hardness=HARDNESS, gas=0.3, roughness=0.01)
+    law = qs.Conductance(gas, tool=250.0)
+    contact = qs.Contact(scene.surfaces[0], die, law=law, mechanics=bodies)
+    ends = scene.ends(800.0, 250.0)[:1]
+    qs.ContactProblem(scene.F[:1], scene.T[:1], [contact], ends).solve()
+    expected = 550.0 / (1 / K[0] + (gap + 0.01) / 0.3)
+    assert contact.flow("master") == pytest.approx(expected, rel=1e-7)
+
+
 @pytest.mark.parametrize("wide", (False, True))
 def test_gaps_beyond_the_search_radius(wide):
     """A conductance that acts across gaps gives a warning; one that needs pressure does not."""

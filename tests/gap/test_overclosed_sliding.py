@@ -139,6 +139,22 @@ def test_uneven():
         assert len([t for t in texts if "have slid" in t]) == (bumps > 0), texts
 
 
+def test_uneven_depths_are_not_for_others():
+    """A node that had no partner initially is allowed the depth of the others if it is even."""
+    for bumps in (0.0, 0.004):
+        scene = Slider("block", 0.01, False, bumps=bumps, **SAMPLING["finite"])
+        scene.run(2)
+        contact, gaps = scene.contact, []
+        rows = contact.model.gaps[0]
+        for part in (1.0, 0.0):
+            contact.allow_overclosure(part)
+            gaps.append(rows.rows.on_nodes(rows.state.values[:, 0], 0.0).astype(float).ravel())
+        allowed, x = gaps[1] - gaps[0], contact.slave.node_x[:, 0]
+        beside = (x > 1.0 + 2.5 * 4.0 / LONG) & (x < 1.4)
+        assert WORLD.allreduce(np.count_nonzero(beside)) > 0
+        assert largest(allowed[beside] - (0.0 if bumps else 0.01)) < 1e-12
+
+
 def test_a_round_tool_slides():
     """A round tool that slides gives a warning: its initial depths would have to move with it."""
 

@@ -111,3 +111,20 @@ def test_only_where_they_are_free(monkeypatch, held):
     assert bool(made) != held
     assert problem.newton.linear.soft.count == (0 if held else 1)
     problem.destroy()
+
+
+def test_velocities_beside_displacements():
+    """A motion that two tied bodies make together is found, whatever Δt of one of them is."""
+    F, u, bcs, surfaces = [], [], [], []
+    for low, far, push in ((0.0, 1.0, -0.1), (-1.0, -1.0, 0.0)):
+        msh = box(WORLD, (3, 3), "triangle", [0.0, low], [1.0, low + 1.0])
+        V = vector_space(msh)
+        u.append(fem.Function(V))
+        F.append(elastic(u[-1]))
+        bcs.append([slide(V, 1, plane(msh, 1, far), push)])
+        surfaces.append(qs.Surface(V, facets=plane(msh, 1, 0.0)))
+    contact = qs.Contact(*surfaces, law=qs.Tied(), unknown=("velocity", "displacement"), dt=0.1)
+    problem = qs.ContactProblem(F, u, [contact], bcs, linear_solver="amg")
+    problem.solve()
+    assert problem.newton.linear.soft.count == 1
+    problem.destroy()

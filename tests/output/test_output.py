@@ -151,6 +151,16 @@ def test_history(folder, capsys):
     raises_everywhere(WORLD, OSError, "gone", lambda: missing.add(rows[0]))
 
 
+def test_new_table(folder):
+    """Unless lines are to be appended, a run replaces the table of an earlier one."""
+    for t in (1.0, 2.0):
+        history = qs.History(WORLD, folder / "run.csv", verbose=False)
+        history.add({"t": t})
+        history.close()
+        WORLD.barrier()
+    assert read(folder / "run.csv") == [{"t": 2.0}]
+
+
 def test_no_part_of_a_line_after_an_error(folder):
     """A line for which the disk has no space is removed; the next one is complete."""
     history = qs.History(WORLD, folder / "full.csv", verbose=False)

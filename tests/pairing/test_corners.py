@@ -95,6 +95,17 @@ def test_openings(opening, expected):
         np.testing.assert_allclose(found[:, 0], 0.02 * np.sin(half), atol=1e-12)
 
 
+@pytest.mark.parametrize("slope, expected", ((40, 1), (50, 2)))
+def test_ramp_in_front_of_a_side(slope, expected):
+    """A ramp beside the floor is a wall of its own if the side looks at it more than the bottom."""
+    angle = np.deg2rad(slope)
+    end = [-3.0 * np.cos(angle), 3.0 * np.sin(angle)]
+    tool, low = chain([3.0, 0.0], [0.0, 0.0], end), [0.01, 0.01]
+    options = {"formulation": "master-slave", "quadrature": "nodal", "search_radius": RADIUS}
+    contact = qs.Contact(square(low, 0.0), tool, **options)
+    assert len(pairs_at(contact, low)) == expected
+
+
 @pytest.mark.parametrize(
     "distance, expected", ((0.02, 2), (RADIUS - 0.01, 2), (RADIUS + 0.01, 1), (1.4, 1))
 )

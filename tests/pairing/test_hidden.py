@@ -73,6 +73,20 @@ def test_second_sheet_changes_nothing(gdim, formulation, quadrature):
     np.testing.assert_allclose(deepest[1:], deepest[0], rtol=1e-6)
 
 
+def test_a_wall_in_between():
+    """No node sees a face through the back of a plate, wherever it looks through its facet."""
+    msh = box(WORLD, (4, 4, 1), "hexahedron", [0.0] * 3, [1.0, 1.0, 0.2], "scattered")
+    slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.2))
+    lid = blocks(([-0.1, -0.1, 0.35], [1.1, 1.1, 0.4]), ([-0.1, -0.1, 0.5], [1.1, 1.1, 0.6]))
+    far, back = plane(lid, 2, 0.5), plane(lid, 2, 0.4)
+    hidden = []
+    for faces in ([far], [far, back]):
+        master = qs.Surface(vector_space(lid), facets=np.unique(np.concatenate(faces)))
+        options = {"formulation": "master-slave", "quadrature": "nodal", "search_radius": 0.5}
+        hidden.append(qs.Contact(slave, master, **options).num_unpaired)
+    assert hidden == [0, 25]
+
+
 def hollow(low, high, wall):
     """Make triangles of a box with a cavity: outer walls and walls that face into the cavity."""
     x, triangles = [], []

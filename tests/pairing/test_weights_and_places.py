@@ -9,6 +9,7 @@ from dolfinx import fem
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.ahead import linear
+from qsdolfinx.pairing.edges import edges_of
 
 
 def lower_face(cell, n, partition, wave=0.0, low=0.0, axisymmetric=False):
@@ -96,3 +97,11 @@ def test_linear_functions_from_quadratic_ones(cell):
     x = np.random.default_rng(1).random((5, 2)) / 2
     values = [_cpp.trace_values(surface.num_facet_vertices, degree, x) for degree in (2, 1)]
     np.testing.assert_allclose(linear(surface, values[0]), values[1], atol=1e-14)
+
+
+@pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
+def test_edges_share_the_area(cell):
+    """The areas of all edges of a surface, with those at its boundary, add up to its area."""
+    msh = box(WORLD, (3, 2, 2), cell, [0.0] * 3, [3.0, 1.0, 1.0], "scattered")
+    surface = qs.Surface(vector_space(msh), facets=plane(msh, 2, 1.0))
+    np.testing.assert_allclose(WORLD.allreduce(edges_of(surface).area.sum()), 3.0, rtol=1e-12)

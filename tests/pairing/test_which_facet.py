@@ -190,3 +190,18 @@ def test_ties_but_for_rounding():
         assert len(reference) == 25
         for found in others:
             np.testing.assert_allclose(found, reference, atol=1e-9)
+
+
+def test_beside_a_corner():
+    """Nodes beside a flat patch have no partner, also where a corner is closest to them.
+
+    Most triangles at the corner have no edge at the boundary.
+    """
+    rim = np.deg2rad(np.linspace(20.0, 160.0, 6))
+    fan = np.vstack([np.zeros(3), np.column_stack([np.cos(rim), np.sin(rim), 0 * rim])])
+    cells = np.column_stack([np.zeros(5, dtype=np.int64), np.arange(1, 6), np.arange(2, 7)])
+    msh = box(WORLD, (1, 1, 1), "hexahedron", [-0.02, -0.3, 0.3], [0.02, -0.26, 0.4])
+    slave = qs.Surface(vector_space(msh), facets=plane(msh, 2, 0.3))
+    options = {"formulation": "master-slave", "quadrature": "nodal", "search_radius": 1.0}
+    tool = qs.RigidSurface.triangulated(WORLD, *((fan, cells) if WORLD.rank == 0 else (None, None)))
+    assert qs.Contact(slave, tool, **options).num_unpaired == 4

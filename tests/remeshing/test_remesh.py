@@ -11,7 +11,9 @@ from scenes import WORLD, box
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
+from qsdolfinx.remeshing.outline import Outline
 from qsdolfinx.remeshing.remesh import SIZES
+from qsdolfinx.remeshing.sizes import limit_growth
 from qsdolfinx.steps.mesh_motion import MeshMotion
 
 pytest.importorskip("gmsh")
@@ -181,6 +183,22 @@ def test_sizes_are_followed():
     assert by_field == pytest.approx(by_points, rel=0.02)  # except for rounding
     assert coarse.num_cells < by_field < fine.num_cells
     assert qs.remesh(msh, [size, 0.1]).report.num_cells == fine.num_cells
+
+
+def test_growth_of_sizes():
+    """Sizes are the largest ones that grow from node to node by no more than a part of the way."""
+    rng, n, part = np.random.default_rng(0), 12, 0.3
+    x = np.column_stack([np.sort(rng.random(n)), rng.random(n), np.zeros(n)])
+    cells = np.arange(n - 2)[:, None] + np.arange(3)
+    sizes = rng.permutation(np.geomspace(0.01, 10.0, n))
+    outline = Outline(x, cells[:, :2], np.zeros(n - 2, dtype=np.int64), cells, sizes)
+    i = np.arange(n)
+    way = np.linalg.norm(x[:, None] - x, axis=2)
+    way[np.abs(i[:, None] - i) > 2] = np.inf  # not in one cell
+    for k in range(n):
+        way = np.minimum(way, way[:, k : k + 1] + way[k])
+    found = limit_growth(outline, part).sizes
+    np.testing.assert_allclose(found, np.min(sizes + part * way, axis=1), rtol=1e-12)
 
 
 def test_size_from_curvature_is_radius_times_angle():

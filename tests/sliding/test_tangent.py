@@ -116,6 +116,25 @@ def test_round_tool_on_rings():
     assert errors(equations, *near(equations, 5.0)) < 1e-8
 
 
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_without_cover(cell):
+    """The derivative by multipliers that nothing covers is right, with a penalty's compliance."""
+    up = (2 if cell == "triangle" else 3) - 1
+    low = Body(box(WORLD, [3] * (up + 1), cell, [0.0] * (up + 1), [1.0] * (up + 1)))
+    ends = [-1.0] * up + [1.0], [2.0] * up + [2.0]
+    high = Body(box(WORLD, [8] * up + [1], cell, *ends))
+    low.clamp(plane(low.mesh, up, 0.0))
+    high.clamp(plane(high.mesh, up, 2.0))
+    options = {"enforcement": "penalty", "penalty": 1e4}
+    equations = equations_between([high, low], high.side(up, 1.0), low.side(up, 1.0), **options)
+    z, scale = near(equations, 1e5)  # so large that points far away are active
+    scale[:] = 1e4
+    equations.bodies_of(scale)[:] = 0.0  # the areas that are added to these are constant
+    assert WORLD.allreduce(len(equations.passes[0].gap.cut.alone.weight)) > 0
+    assert all(np.all(e.active) for e in equations.evaluate(z).passes)
+    assert errors(equations, z, scale) < 1e-8
+
+
 def equations_between(bodies, *surfaces, **options):
     problem = problem_of(bodies, [qs.Contact(*surfaces, sliding="finite", **options)])
     problem.set_up()

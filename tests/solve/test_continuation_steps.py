@@ -5,6 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 from scenes import WORLD, box
+from step_scenes import Upset, refuse, same
 
 from dolfinx import fem
 
@@ -61,3 +62,22 @@ def test_steps_that_fail(most, ends):
     """They are halved some times: with a hundred steps, a problem has no solution."""
     tried, reached = followed(0.1, most)
     assert reached == ends and 5 < len(tried) < 60
+
+
+def test_as_before_after_a_failure(monkeypatch):
+    """If a later step fails, unknowns, multipliers and m are those of before the continuation."""
+    case, solved = Upset(), []
+    m, problem, solve = fem.Constant(case.mesh, 1.0), case.problem, case.problem.solve
+    case.tool.displacement = [0.0, -0.05]
+    solve()
+
+    def once():
+        solved.append(solve() if not solved else refuse(1.0))
+
+    monkeypatch.setattr(problem, "solve", once)
+    before = case.state()[:-2]  # without the displacement of the tool, and times
+    case.tool.displacement = [0.0, -0.1]
+    with pytest.raises(qs.ConvergenceError):
+        qs.solve_with_continuation(problem, m, 0.1)
+    assert len(solved) == 1 and m.value == 1.0
+    assert same(case.state()[:-2], before)

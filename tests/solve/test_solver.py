@@ -374,6 +374,15 @@ def test_messages_are_short(count):
     assert all(shown[:1]) and all(shown[-1:])
 
 
+def test_counts_of_both_sides():
+    """Active constraints of a contact are those of both of its integration sides."""
+    options = {"sliding": "finite"}
+    pair = Pair("triangle", formulation="double-pass", wave=0.02, contact_options=options)
+    problem = pair.problem()
+    problem.solve()
+    assert list(problem.active_history[-1]) == [pair.contact.report().active]
+
+
 def test_freed(destroy_problems):
     """A problem that is dropped without destroy() is not kept alive by PETSc's callbacks."""
     problem = Pair("triangle").problem()

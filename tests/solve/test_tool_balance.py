@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 from rigid_scenes import TOOLS, Pressed, flat
-from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+from scenes import (
+    WORLD,
+    box,
+    clamp,
+    elastic,
+    largest,
+    plane,
+    raises_everywhere,
+    vector_space,
+)
 
 import ufl
 from dolfinx import fem
@@ -184,6 +193,23 @@ def test_a_step_that_bodies_cannot_follow():
     easy.solve()
     np.testing.assert_allclose(scene.tool.displacement, other.tool.displacement, rtol=1e-6)
     assert largest(scene.u.x.array - other.u.x.array) < 1e-6
+
+
+def test_solve_that_fails():
+    """After a solve that fails, the angle of a moment-controlled tool is that of before."""
+    msh = box(WORLD, (4, 4), "triangle", [0.0, 0.0], [1.0, 1.0])
+    V = vector_space(msh)
+    u, bcs = fem.Function(V), [clamp(V, plane(msh, 1, 0.0))]
+    tool = qs.RigidSurface.plane(WORLD, [0.5, 1.0], [0.0, -1.0])
+    surface = qs.Surface(V, facets=plane(msh, 1, 1.0))
+    contact = qs.Contact(surface, tool, law=qs.Tied(), sliding="finite")
+    options = {"snes_max_it": 1}
+    problem = qs.ContactProblem([elastic(u)], [u], [contact], [bcs], petsc_options=options)
+    tool.displacement, tool.rotation = [0.01, 0.02], [0.03]
+    tool.drive_moment(0.1)
+    raises_everywhere(WORLD, qs.ConvergenceError, "", problem.solve)
+    np.testing.assert_array_equal(tool.displacement, [0.01, 0.02])
+    np.testing.assert_array_equal(tool.rotation, [0.03])
 
 
 @pytest.mark.parallel

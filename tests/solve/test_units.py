@@ -127,6 +127,23 @@ def test_long_way_to_contact(law, travel):
     np.testing.assert_allclose(far, near, rtol=1e-6)
 
 
+def test_solve_after_solve():
+    """Iterations from the last solution do not depend on the unit of length."""
+    found = []
+    for L in (1.0, 1e3):
+        block = Block(1.0, L, 4, 0.0, "linear")
+        tool = qs.RigidSurface.sphere(WORLD, [0.5 * L, 3.0 * L], 2.0 * L)
+        contact = qs.Contact(qs.Surface(block.V, facets=block.top), tool, sliding="finite")
+        bcs = block.move(block.bottom, 0.0)
+        problem, iterations = qs.ContactProblem([block.F], [block.u], [contact], [bcs]), []
+        for depth in (0.05, 0.06, 0.0601):
+            tool.displacement = [0.0, -depth * L]
+            problem.solve()
+            iterations.append(problem.num_iterations)
+        found.append(iterations)
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize("enforcement", ("penalty", "augmented-lagrangian"))
 @pytest.mark.parametrize("law", ("linear", "neo-hookean"))
 def test_beside_a_stiff_body(law, enforcement):

@@ -167,6 +167,16 @@ def test_growth():
     assert case.stepper.dt == 0.01  # not easy
 
 
+def test_growth_with_two_pairings():
+    """A step is easy if it takes few iterations for each of its solves."""
+    once = Upset(dt=0.01, dt_max=0.04, growth=2.0)
+    once.stepper.step()
+    easy = once.stepper.num_iterations
+    twice = Upset(dt=0.01, dt_max=0.04, growth=2.0, num_pairings=2, easy=easy)
+    twice.stepper.step()
+    assert twice.stepper.num_iterations > easy and twice.stepper.dt == 0.02
+
+
 def test_lands_on_the_end():
     """Steps end exactly at the end time, without a tiny last step, and Δt stays as it was."""
     case = Upset(n=1, dt=0.07)

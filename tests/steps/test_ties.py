@@ -12,6 +12,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx import materials
+from qsdolfinx.contact.turned import turning_error
 
 RATE, STIFFNESS = 0.01, 20.0
 KINDS = {
@@ -306,3 +307,14 @@ def test_rings_turned_by_hand():
     with pytest.warns(qs.ContactWarning, match="tied surfaces with a gap"):
         case.problem.solve()
     assert case.traction > 1e-4
+
+
+@pytest.mark.parallel
+def test_error_of_rotations_on_any_rank():
+    """The traction due to linearised rotations is the same on all ranks."""
+    case = Rings("small")
+    case.turn(0.5)
+    with pytest.warns(qs.ContactWarning, match="tied surfaces with a gap"):
+        case.problem.solve()
+    errors = WORLD.allgather(turning_error(case.tie.model))
+    assert min(errors) == max(errors) > 0

@@ -9,6 +9,8 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.contact import active_set, terms
+from qsdolfinx.surface.affine import rotation_matrix
+from qsdolfinx.tools.driven import Driven
 
 QUADRATURES = ("nodal", "overlay")
 
@@ -93,6 +95,23 @@ def test_parts_of_a_motion():
         tool.advance()
         ends.append(tool.position)
     np.testing.assert_allclose(*ends, atol=1e-14)
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_moment_on_a_rotated_tool(gdim):
+    """Derivatives of positions by an angle about a fixed axis, after any other rotation."""
+    axis = np.array([1.0]) if gdim == 2 else np.array([2.0, -1.0, 2.0]) / 3
+    rotation, driven = np.array([0.7, -0.4, 0.3])[: len(axis)], Driven(1.0, axis, turns=True)
+    center, x, h = np.array([0.1, 0.2, 0.3])[:gdim], np.array([1.0, -0.5, 0.8])[:gdim], 1e-4
+
+    def at(s):
+        moved, turned = driven.moved(np.zeros(gdim), rotation, s)
+        return center + rotation_matrix(turned) @ (x - center) + moved
+
+    first, second = driven.field(rotation, center), driven.curvature(rotation, center)
+    np.testing.assert_allclose(first.A @ x + first.b, (at(h) - at(-h)) / (2 * h), atol=1e-7)
+    change = (at(h) - 2 * at(0.0) + at(-h)) / h**2
+    np.testing.assert_allclose(second.A @ x + second.b, change, atol=1e-6)
 
 
 @pytest.mark.parametrize("gdim", (2, 3))

@@ -65,6 +65,25 @@ def test_distances(moved):
         np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1)
 
 
+SHAPES = {
+    "plane": lambda: qs.RigidSurface.plane(WORLD, [0.1, 0.2, 0.3], [0.0, 0.6, 0.8]),
+    "ball": lambda: qs.RigidSurface.sphere(WORLD, [0.1, 0.2, 0.3], 0.5),
+    "tube": lambda: qs.RigidSurface.cylinder(WORLD, [0.1, 0.2, 0.3], [0.6, 0.0, 0.8], 1.5, True),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_derivatives_of_normals(shape):
+    """They are those of differences, also after the tool has moved and rotated."""
+    tool, x, h = SHAPES[shape](), np.random.default_rng(0).normal(size=(5, 3)), 1e-5
+    tool.displacement, tool.rotation = [0.2, 0.1, -0.3], [0.8, -0.5, 0.3]
+    tool.advance()
+    found = tool.curvature(x)
+    for k, step in enumerate(h * np.eye(3)):
+        change = (tool.distance(x + step)[1] - tool.distance(x - step)[1]) / (2 * h)
+        np.testing.assert_allclose(found[:, :, k], change, atol=1e-7)
+
+
 @pytest.mark.parametrize("cell", CELLS)
 def test_facets_of_a_plane_are_the_plane(cell):
     """For a tilted plane, facets give the same gaps, normals and areas at nodes as the plane."""
