@@ -412,6 +412,44 @@ struct Frame
   std::array<Vec3, 2> e;
 };
 
+/// Vectors in the plane of a facet across its normal n, rotated to the tangent plane at one of its
+/// points. Gaps along the normal m there are then no slip, on curved facets, too.
+struct Across
+{
+  Across(const std::array<Vec3, 2>& in_plane, const Vec3& n, const RayFacet& facet, const Vec2& at)
+      : e(in_plane)
+  {
+    if (facet.degree == 1 && facet.type != FacetType::quadrilateral)
+      return; // m = n
+    const Vec3 origin = facet_vertex(facet.x, 0);
+    const auto a = tangents_at(facet, at);
+    const Vec3 area = facet.orientation * cross(a[0], a[1]);
+    const Vec3 m = 1 / norm(area) * area, sum = n + m;
+    const double both = 1 + dot(n, m);
+    for (int k = 0; k < 2; ++k)
+      e[k] = in_plane[k] - dot(in_plane[k], m) / both * sum;
+    const auto ddM = trace_curvatures(facet.type, facet.degree, at);
+    std::array<Vec3, 3> bent{}; // [∂₁∂₁, ∂₁∂₂, ∂₂∂₂]
+    for (int j = 0; j < facet.num_nodes(); ++j)
+      for (int k = 0; k < 3; ++k)
+        add(bent[k].data(), ddM[j][k], facet_vertex(facet.x, j) - origin);
+    for (int alpha = 0; alpha < 2; ++alpha)
+    {
+      const Vec3 change = facet.orientation / norm(area)
+                          * (cross(bent[alpha], a[1]) + cross(a[0], bent[alpha + 1]));
+      const Vec3 dm = change - dot(m, change) * m;
+      for (int k = 0; k < 2; ++k)
+      {
+        const double part = dot(in_plane[k], m) / both;
+        slope[alpha][k] = (part * dot(n, dm) - dot(in_plane[k], dm)) / both * sum - part * dm;
+      }
+    }
+  }
+
+  std::array<Vec3, 2> e;
+  std::array<std::array<Vec3, 2>, 2> slope{}; ///< derivatives by the coordinates on the facet, [α]
+};
+
 RayFacet moved_to(const RayFacet& facet, std::span<const double> x)
 {
   return {facet.type, facet.degree, x, facet.orientation};
@@ -443,8 +481,8 @@ void qsdolfinx::slip_of_points(const Rays& rays, const RayStart& start, const Ra
   const Frame now(pair.along(), normal.n()), then(along, n_then);
   // Edges of facets that are not flat have components along n; they are removed, since gaps are no
   // slip.
-  const std::array<Vec3, 2> across{then.e[0] - dot(then.e[0], n_then) * n_then,
-                                   then.e[1] - dot(then.e[1], n_then) * n_then};
+  const std::array<Vec3, 2> in_plane{then.e[0] - dot(then.e[0], n_then) * n_then,
+                                     then.e[1] - dot(then.e[1], n_then) * n_then};
   const int dim = pair.other.type == FacetType::interval ? 1 : 2;
   const double sign = pair.cut_is_slave ? 1 : -1;
   const Vec3 origin = facet_vertex(cut.x, 0);
@@ -458,38 +496,60 @@ void qsdolfinx::slip_of_points(const Rays& rays, const RayStart& start, const Ra
     const RayPoint& point = points[p];
     const Ray& ray = all[p];
     const Vec3 d = point_of(cut, origin, point.xi) - point_of(other, origin, point.zeta);
-    const Vec2 s{-sign * dot(across[0], d), dim == 2 ? -sign * dot(across[1], d) : 0.0};
+    const Across across(in_plane, n_then, along, pair.along_other ? point.zeta : point.xi);
+    // The ray itself is no slip: s_a = −sign E_a·way, which is 0 if nothing has moved.
+    const Vec3 way = d + ray.t * n_then;
+    const Vec2 s{-sign * dot(across.e[0], way), dim == 2 ? -sign * dot(across.e[1], way) : 0.0};
     const Vec3 slip = s[0] * now.e[0] + s[1] * now.e[1], n = sign * normal.n();
     std::copy_n(slip.begin(), 3, out.slip.subspan(3 * p).begin());
     std::copy_n(n.begin(), 3, out.normal.subspan(3 * p).begin());
     out.gap[p] = dot(n_then, d);
-    // ∂s_a/∂ζ_α = sign E_a·∂x_other₀/∂ζ_α, E_a being the edges `then.e` across n
+    // Derivatives of s_a by t, by the place on the facet with the frame, by ζ, and by ξ with fixed
+    // ζ and t.
+    const auto by_t = [&](int a) { return -sign * dot(across.e[a], n_then); };
+    const auto by_place
+        = [&](int a, int alpha) { return -sign * dot(across.slope[alpha][a], way); };
     const auto a0 = tangents(other, origin, ray.dM);
+    const auto by_zeta = [&](int a, int alpha)
+    { return sign * dot(across.e[a], a0[alpha]) + (pair.along_other ? by_place(a, alpha) : 0.0); };
     const RayLift lift = lift_of(pair, point.zeta);
     const Vec3 rises = lift.slope[0] * ray.A.zeta[0] + lift.slope[1] * ray.A.zeta[1];
     const auto dT = trace_gradients(cut.type, cut.degree, point.xi);
     const auto a_cut = tangents(cut, origin, dT),
                a_now = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT);
+    const auto by_xi = [&](int a, int alpha)
+    {
+      return -sign * dot(across.e[a], a_cut[alpha]) + (pair.along_other ? 0.0 : by_place(a, alpha));
+    };
     for (int alpha = 0; alpha < dim; ++alpha)
     {
-      Vec3 change = a_cut[alpha], by_xi{};
-      for (int b = 0; b < dim; ++b)
-        change = change - dot(ray.A.zeta[b], a_now[alpha]) * a0[b];
-      for (int b = 0; b < dim; ++b)
-        by_xi = by_xi - sign * dot(across[b], change) * now.e[b];
-      std::copy_n(by_xi.begin(), 3, out.slope.subspan(6 * p + 3 * alpha).begin());
+      Vec3 change{};
+      for (int a = 0; a < dim; ++a)
+      {
+        double of_edge = by_xi(a, alpha) + by_t(a) * dot(ray.A.t, a_now[alpha]);
+        for (int b = 0; b < dim; ++b)
+          of_edge += by_zeta(a, b) * dot(ray.A.zeta[b], a_now[alpha]);
+        change = change + of_edge * now.e[a];
+      }
+      std::copy_n(change.begin(), 3, out.slope.subspan(6 * p + 3 * alpha).begin());
     }
     std::array<Vec3, 3> slides{}, works{}; // forms c·v of each component
+    Vec3 rising{};
+    for (int a = 0; a < dim; ++a)
+      rising = rising + by_t(a) * now.e[a];
     for (int r = 0; r < 3; ++r)
+    {
+      slides[r] = rising[r] * ray.A.t;
       works[r] = sign * rises[r] * ray.A.t; // tractions lie in the curved surface
+    }
     for (int alpha = 0; alpha < dim; ++alpha)
     {
-      Vec3 along{};
+      Vec3 along_facet{};
       for (int b = 0; b < dim; ++b)
-        along = along + sign * dot(across[b], a0[alpha]) * now.e[b];
+        along_facet = along_facet + by_zeta(b, alpha) * now.e[b];
       for (int r = 0; r < 3; ++r)
       {
-        slides[r] = slides[r] + along[r] * ray.A.zeta[alpha];
+        slides[r] = slides[r] + along_facet[r] * ray.A.zeta[alpha];
         works[r] = works[r] + sign * ray.a[alpha][r] * ray.A.zeta[alpha];
       }
     }

@@ -107,10 +107,11 @@ struct RayStart
 
 /// Slip of the slave against the master at points, and its derivatives. Let d₀ be the vector
 /// between the material points at the start and at the end of a ray when slip began. Now only the
-/// ray along n is between them. The slip is the tangential part of −d₀ (master to slave), rotated
-/// with the frame of the facet that is cut. Common rigid motions of both facets cause no slip. If
-/// the facets rotate against each other by θ, the slip is a chord of the path along the facets; the
-/// arc is θ/sin θ times as long.
+/// ray, −t n, is between them. With the rotation R of the frame of the facet that is cut, the slip
+/// is the tangential part of −(d₀ + t R⁻¹n), rotated by R (master to slave). On curved facets this
+/// is the part across the normal at the point: a gap that closes along it is no slip. Common rigid
+/// motions of both facets cause no slip. If the facets rotate against each other by θ, the slip is
+/// a chord of the path along the facets; the arc is θ/sin θ times as long.
 struct RaySlip
 {
   std::span<double> slip;     ///< [point][3]

@@ -952,11 +952,16 @@ class Slip:
         self.state.slipped = self.state.response.slipping.astype(np.float64)
         columns = np.column_stack([self.state.pressed, self.state.slipped, self.state.used])
         if isinstance(rows, PointRows):
-            self.state.of_nodes = rows.projected(columns)
+            of_nodes = rows.projected(columns)
         else:
-            self.state.of_nodes = rows.on_nodes(columns, 0.0).astype(np.float64)
-        closed = self.gap.rows.on_nodes(self.state.closed, False).astype(bool)
-        self.state.moved = np.where(closed[:, None], self.state.moved, 0.0)
+            of_nodes = rows.on_nodes(columns, 0.0).astype(np.float64)
+        closed = rows.on_nodes(self.state.closed, False).astype(bool)[:, None]
+        if self.gap.following is None:
+            # Projections are small, but not 0, far from all active constraints. With updated
+            # geometry the points that come to these nodes may have been active elsewhere.
+            of_nodes = np.where(closed, of_nodes, 0.0)
+        self.state.of_nodes = of_nodes
+        self.state.moved = np.where(closed, self.state.moved, 0.0)
         self.state.at_start = self.state.now
         self.count_whole_step()
         self.state.ended = True

@@ -88,6 +88,23 @@ def test_shrink_fit_that_follows(cell, n):
     assert found[0] > 0.2 and found[1] < 0.008
 
 
+@pytest.mark.parametrize(
+    "n, cell",
+    ((((24, 4), (31, 4)), "quadrilateral"), (((6, 2, 2), (8, 3, 2)), "tetrahedron")),
+    ids=("2D", "3D"),
+)
+def test_closing_is_no_slip(n, cell):
+    """Facets of degree 2 that close along their normals have no friction, with finite sliding."""
+    scene = ShrinkFit(
+        n, cell=cell, degrees=("elevated", 2), sliding="finite", friction=qs.Coulomb(0.3)
+    )
+    scene.problem().solve()
+    for slip in scene.contact.model.slips:
+        traction = np.linalg.norm(slip.state.response.traction, axis=1)
+        assert largest(traction) < (0.02 if cell == "tetrahedron" else 3e-4) * exact_pressure()
+        assert largest(slip.state.pressure) > 0.9 * exact_pressure()
+
+
 @kinds
 @both_ways
 @pytest.mark.parametrize("n", (((31, 10), (52, 17)), ((52, 17), (31, 10))), ids=("fine", "coarse"))
