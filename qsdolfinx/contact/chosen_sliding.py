@@ -9,6 +9,8 @@ from mpi4py import MPI
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.contact import motion
+from qsdolfinx.contact.advice import chord_errors
+from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.gap.following import follows
 from qsdolfinx.pairing.pair import degree_of_rule
@@ -21,8 +23,9 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
     Their contact pairs are updated. The following contacts keep small sliding: contacts of
     velocity-based bodies, whose contact pairs are updated in each step; contacts whose pairs are
     used by a field that is solved for at the same time; contacts with tools driven by moments;
-    contacts with sharp edges close to each other, for which only small sliding has points; and
-    contacts that have already been solved for.
+    contacts with sharp edges close to each other, for which only small sliding has points; those
+    for which only small sliding has curved facets, where chords would change the gaps; and contacts
+    that have already been solved for.
     """
     paired = bodies_of_fields(models)
     for model in models:
@@ -31,6 +34,7 @@ def let_follow(models: typing.Sequence[ContactModel]) -> None:
         stays = any(model is other for other in paired) or _is_turned(model)
         finite = _finite(model.settings)
         stays |= "velocity" in model.kinematics.unknown or _needs_creases(model, finite)
+        stays |= _needs_curves(model, finite)
         if stays:
             continue
         model.sliding_is_open = False
@@ -55,6 +59,19 @@ def _needs_creases(model: ContactModel, finite: Settings) -> bool:
     count = len(small.roles_of_vertices) - len(finite.roles_of_vertices) + len(small.roles_of_edges)
     found = any(gap.points.size for gap in model.gaps[len(model.gaps) - count :] if count)
     return bool(model.comm.allreduce(found, op=MPI.LOR))
+
+
+def _needs_curves(model: ContactModel, finite: Settings) -> bool:
+    """Whether finite sliding takes facets as flat that are curved, and this changes gaps.
+
+    Collective.
+    """
+    if model.type not in ContactType.NORMAL:
+        return False
+    small, bodies = model.settings, model.bodies
+    if not any(body.largest_height > 0 and body.degree == 1 for body in bodies):
+        return False
+    return chord_errors(small) is None and chord_errors(finite) is not None
 
 
 def bodies_of_fields(models: typing.Sequence[ContactModel]) -> list[ContactModel]:

@@ -78,8 +78,10 @@ class Contact:
             when the contact is used in a problem in which the form of one of its bodies is
             nonlinear, or in a :class:`qs.TimeStepper`. It stays small with velocity-based bodies,
             tools that a moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``,
-            ``normals="bisector"``, for contacts that have already been solved, and, in 3D, where
-            sharp edges are near edges of the other side and reach it before their facets do.
+            ``normals="bisector"``, for contacts that have already been solved, where meshes of
+            degree 2 with displacements of degree 1 touch surfaces that are curved alike, and, in
+            3D, where sharp edges are near edges of the other side and reach it before their facets
+            do.
         formulation: ``"master-slave"``, ``"double-pass"`` or ``"quasi-symmetric"``. A rigid tool
             carries no multiplier, so that only the first and the third are possible; with an
             analytic shape these two are the same.

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from curved_scenes import ShrinkFit, exact_pressure
 from following import Body, Boxes, but_for
 from following import problem_of as following_problem
 from scenes import WORLD, Pair, box, clamp, elastic, largest, plane, vector_space
@@ -51,6 +52,22 @@ def test_linear_bodies():
             problem.solve()
         qs.TimeStepper(problem, 1.0)
         assert pair.contact.sliding == "small"
+
+
+@pytest.mark.parametrize(
+    "degree, misfit, sliding", [(1, 0.01, "small"), (2, 0.01, "finite"), (1, 0.5, "finite")]
+)
+def test_curved_facets(degree, misfit, sliding):
+    """Small where finite sliding would take curved facets as flat, if this changes the gaps."""
+    scene = ShrinkFit(((16, 5), (22, 7)), misfit=misfit, degrees=("elevated", degree))
+    assert scene.contact.sliding == "small"
+    stepper = qs.TimeStepper(scene.problem(), 1.0)
+    assert scene.contact.sliding == sliding
+    if misfit == 0.01:
+        stepper.step()
+        for side in ("slave", "master"):
+            mean, scatter = scene.pressure(side)
+            assert abs(mean / exact_pressure() - 1) < 0.01 and scatter < 0.01 * exact_pressure()
 
 
 @pytest.mark.parametrize("friction, within", [(None, 1e-7), (qs.Coulomb(0.3), 1e-4)])
