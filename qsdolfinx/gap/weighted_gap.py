@@ -276,6 +276,11 @@ class WeightedGap:
         """Number of constraints on this rank."""
         return self._own.num_rows
 
+    @property
+    def num_alone(self) -> int:
+        """Number of points with nothing opposite on this rank; they come last."""
+        return 0 if self.cut is None else len(self.cut.alone.weight)
+
     @functools.cached_property
     def cover_share(self) -> Array:
         """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at the first call.

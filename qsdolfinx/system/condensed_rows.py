@@ -353,9 +353,13 @@ class PointConstraints(CondensedRows):
             slope = self._slope(trial)
             _check_slope(self.model, slope, pressure)
             active = slope > 0
-        elif first:
-            active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
-            active = self._kept_closed(active, trial[:, 0])
+        else:
+            if first:
+                active |= trial[:, 0] >= -self.gamma * self.model.paired.touching
+                active = self._kept_closed(active, trial[:, 0])
+            # Nothing is opposite the last points: if they were active, as points of nodes that were
+            # covered before, nothing would determine the multipliers of these nodes.
+            active[len(active) - self.gap.num_alone :] = False
         if opened is not None:
             active &= ~opened
         pressure = np.where(active[:, None], pressure, 0.0)  # active points may have tension

@@ -1,6 +1,7 @@
 """Finite sliding: area of the other surface that covers each node."""
 
 import pytest
+from following import Boxes
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
 from dolfinx import fem
@@ -27,3 +28,20 @@ def test_whole_faces_cover_whole_nodes(cell, formulation):
     qs.ContactProblem(F, u, [contact], bcs).solve()
     cut = contact.model.gaps[0].cut
     assert largest(cut.found.cover.sum(axis=1) - cut.node_area) < 1e-12
+
+
+def test_nodes_that_are_left():
+    """A block leaves nodes of a longer plate, the slave, at its very edge: points there are open."""
+    n, sizes = ((24, 4), (5, 5)), ((4.0, 1.0), (1.0, 1.0))
+    case = Boxes("quadrilateral", n, sizes, start=1.2)
+    motion = case.clamp_far()
+    contact = qs.Contact(case.below, case.above, friction=qs.Coulomb(0.3), sliding="finite")
+
+    def drive(t, dt):
+        motion.value[:] = 0.1 * max(t - 2, 0.0), -0.01 * min(t / 2, 1.0)
+
+    stepper = qs.TimeStepper(case.problem(contact), 1.0, drive)
+    for _ in stepper.run(6.0):  # in the fifth step the end comes to a node of the plate
+        assert stepper.num_iterations <= 16
+    assert stepper.num_cutbacks == 0
+    assert contact.force("slave")[0] > 0.29 * -contact.force("slave")[1]
