@@ -31,7 +31,7 @@ def test_whole_faces_cover_whole_nodes(cell, formulation):
 
 
 def test_nodes_that_are_left():
-    """A block leaves nodes of a longer plate, the slave, at its very edge: points there are open."""
+    """A block leaves nodes of a longer plate, the slave, at its very edge."""
     n, sizes = ((24, 4), (5, 5)), ((4.0, 1.0), (1.0, 1.0))
     case = Boxes("quadrilateral", n, sizes, start=1.2)
     motion = case.clamp_far()
