@@ -627,14 +627,14 @@ def pair_vertices(
 ) -> PairingPoints:
     """Points at some owned nodes of the slave, [node], with the closest places on the master; collective."""
 
-def passed_lengths(
+def passed_depths(
     surface: Surface,
     num_pieces: int,
     facet_x: numpy.typing.NDArray[numpy.float64],
     x: numpy.typing.NDArray[numpy.float64],
     normal: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Lengths within bodies that points have passed through, [point], 0 for all others; facet_x are the facets' vertices, [time][facet][vertex][3], x and normal the points and their normals, [time][point][3], at the ends of the pieces of the motion; collective."""
+    """Depths of paths within bodies that points have passed through, [point], 0 for all others; facet_x are the facets' vertices, [time][facet][vertex][3], x and normal the points and their normals, [time][point][3], at the ends of the pieces of the motion; collective."""
 
 def points_between(
     slave: Surface,

@@ -46,16 +46,17 @@ void qsdolfinx::bind_search(nb::module_& m)
   m.attr("alike_cosine") = alike_cosine;
   m.attr("facing_cosine") = facing_cosine;
   m.def(
-      "passed_lengths",
+      "passed_depths",
       [](const Surface& surface, std::size_t num_pieces, In<double> facet_x, In<double> x,
          In<double> normal)
       {
         const auto out
-            = passed_lengths(surface, {num_pieces, facet_x.view(), x.view(), normal.view()});
+            = passed_depths(surface, {num_pieces, facet_x.view(), x.view(), normal.view()});
         return copy(out, {out.size()});
       },
       "surface"_a, "num_pieces"_a, "facet_x"_a, "x"_a, "normal"_a,
-      "Lengths within bodies that points have passed through, [point], 0 for all others; facet_x "
+      "Depths of paths within bodies that points have passed through, [point], 0 for all others; "
+      "facet_x "
       "are the facets' vertices, [time][facet][vertex][3], x and normal the points and their "
       "normals, [time][point][3], at the ends of the pieces of the motion; collective.");
   nb::class_<SearchRadius>(m, "SearchRadius",

@@ -97,13 +97,21 @@ struct Crossings
 {
   static constexpr double never = std::numeric_limits<double>::infinity();
   double in = never;               ///< where it first goes into a body, in pieces of the motion
+  double sine_in = 1;              ///< of the angle between path and face there
+  double touched = 0;              ///< the same for the face that it goes into from its start
   double first = never, last = -1; ///< first and last crossing of faces that look as the point
   double speed = 0;                ///< motion in a piece relative to the last of these faces
+  double sine_out = 0;             ///< of the angle between path and the last of these faces
   int first_out = 0, last_out = 0; ///< whether the point comes out there
 
   void include(const Crossings& other)
   {
-    in = std::min(in, other.in);
+    touched = std::max(touched, other.touched);
+    if (other.in < in)
+    {
+      in = other.in;
+      sine_in = other.sine_in;
+    }
     if (other.first < first)
     {
       first = other.first;
@@ -114,12 +122,17 @@ struct Crossings
       last = other.last;
       last_out = other.last_out;
       speed = other.speed;
+      sine_out = other.sine_out;
     }
   }
-  /// Length within bodies that the point has passed through, 0 if it has not.
-  double length() const
+  /// Depth to which the path is within bodies that the point has passed through, 0 if it has not.
+  double depth() const
   {
-    return first_out && last_out ? speed * (last - (in < last ? in : 0.0)) : 0.0;
+    if (!first_out || !last_out)
+      return 0;
+    const bool enters = in < last;
+    const double sine = std::min(enters ? sine_in : (touched > 0 ? touched : 1.0), sine_out);
+    return sine > grazing_sine ? sine * speed * (last - (enters ? in : 0.0)) : 0.0;
   }
 };
 
@@ -193,7 +206,7 @@ private:
   void cross_facet(const Piece& path, std::size_t f, Crossings& out) const
   {
     if (closest_point(surface_.type(), of(origin_, f), path.origin).distance <= touching_)
-      return;
+      return touch_facet(path, f, out);
     if (surface_.type() == FacetType::interval)
     {
       const Vec3 up{0, 0, 1};
@@ -204,6 +217,24 @@ private:
     cross_part(path, f, vertex(f, 0), vertex(f, 1), vertex(f, 2), out);
     if (surface_.type() == FacetType::quadrilateral)
       cross_part(path, f, vertex(f, 3), vertex(f, 2), vertex(f, 1), out);
+  }
+
+  /// A path that starts on a facet may go into the body there.
+  void touch_facet(const Piece& path, std::size_t f, Crossings& out) const
+  {
+    if (number_ > 0)
+      return;
+    Vec3 way = path.end - path.start;
+    for (int i = 0; i < surface_.num_vertices(); ++i)
+      way = way - (1.0 / surface_.num_vertices()) * vertex(f, i).change;
+    out.touched = std::max(out.touched, -sine(way, outward_at(f, 0)));
+  }
+
+  /// Sine of the angle between a way and a face, positive outwards.
+  static double sine(const Vec3& way, const Vec3& outward)
+  {
+    const double lengths = norm(way) * norm(outward);
+    return lengths > 0 ? dot(way, outward) / lengths : 0.0;
   }
 
   /// Crossings of a triangle, or, in 2D, of the strip along a and b.
@@ -220,14 +251,19 @@ private:
         continue;
       const Vec3 outward = outward_at(f, s);
       const bool is_out = rises == (dot(normal, outward) > 0);
+      const double angle = std::abs(sine(r.at(1) - r.at(0), outward));
       Crossings here;
       if (!is_out)
+      {
         here.in = number_ + s;
+        here.sine_in = angle;
+      }
       if (dot(path.normal, outward) > alike_cosine * norm(outward))
       {
         here.first = here.last = number_ + s;
         here.first_out = here.last_out = is_out;
         here.speed = norm(r.at(1) - r.at(0));
+        here.sine_out = angle;
       }
       out.include(here);
     }
@@ -308,13 +344,13 @@ void add_crossings(const Surface& surface, MovingFacets& facets, const Box& swep
 }
 } // namespace
 
-std::vector<double> qsdolfinx::passed_lengths(const Surface& surface, const Paths& paths)
+std::vector<double> qsdolfinx::passed_depths(const Surface& surface, const Paths& paths)
 {
   const std::size_t n = paths.num_pieces, width = surface.facets().x.size();
   if (n == 0 || paths.facet_x.size() != (n + 1) * width)
-    throw std::invalid_argument("passed_lengths: vertices of each facet at each time");
+    throw std::invalid_argument("passed_depths: vertices of each facet at each time");
   if (paths.x.size() % (3 * (n + 1)) != 0 || paths.normal.size() != paths.x.size())
-    throw std::invalid_argument("passed_lengths: a point and a normal for each path at each time");
+    throw std::invalid_argument("passed_depths: a point and a normal for each path at each time");
   const std::size_t size = paths.x.size() / (n + 1);
   const auto point = [&](std::span<const double> x, std::size_t k, std::size_t i)
   { return facet_vertex(x.subspan(k * size, size), static_cast<int>(i)); };
@@ -333,6 +369,6 @@ std::vector<double> qsdolfinx::passed_lengths(const Surface& surface, const Path
   }
   std::vector<double> out;
   for (const Crossings& crossings : all)
-    out.push_back(crossings.length());
+    out.push_back(crossings.depth());
   return out;
 }

@@ -32,12 +32,12 @@ class Passed(typing.NamedTuple):
     """Point that has passed through a part of the other surface.
 
     Attributes:
-        length: Length of its path within the part.
+        depth: Distance between its path within the part and a face that it crossed.
         x: Its position afterwards, shape (gdim,).
         side: Side of the point, ``"slave"`` or ``"master"``.
     """
 
-    length: float
+    depth: float
     x: tuple[float, ...]
     side: str
 
@@ -63,7 +63,7 @@ class _Motion(typing.NamedTuple):
 
 
 def find_passed(model: ContactModel, before: Placement) -> Passed | None:
-    """Find the point with the longest path through a part of the other surface. Collective.
+    """Find the point with the deepest path through a part of the other surface. Collective.
 
     Args:
         model: The contact, evaluated.
@@ -78,8 +78,7 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
     paths = [_Path(model.placement, before, side) for side in _sides(model)]
     num_pieces = _num_pieces(model.comm, paths, NOTICED * size)
     slave, *others = (path.motion(num_pieces) for path in paths)
-    # A straight path may cut off a corner that the point has gone around. Pieces, which are as far
-    # from an arc as that, cut off up to three times as much more.
+    # Pieces are that far from an arc, and so cut off up to three times as much of a corner.
     least = (1 if num_pieces == 1 else 4) * NOTICED * size
     place = model.placement.master
     if is_analytic(place):
@@ -90,11 +89,11 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
         both = zip(SIDES, (slave, *others), (*others, slave), strict=True)
         found = [(side, own, _through_facets(own, other)) for side, own, other in both]
     passed = []
-    for side, own, lengths in found:
-        if len(lengths) and lengths.max() > least:
-            i = int(np.argmax(lengths))
+    for side, own, depths in found:
+        if len(depths) and depths.max() > least:
+            i = int(np.argmax(depths))
             x = tuple(float(c) for c in own.x[-1, i, : model.slave.gdim])
-            passed.append(Passed(float(lengths[i]), x, side))
+            passed.append(Passed(float(depths[i]), x, side))
     everywhere = [p for each in model.comm.allgather(passed) for p in each]
     return max(everywhere, default=None)
 
@@ -159,9 +158,9 @@ def _num_pieces(comm: MPI.Intracomm, paths: typing.Sequence[_Path], bend: float)
 
 
 def _through_facets(points: _Motion, other: _Motion) -> Array:
-    """Lengths of the paths of points within the other side, (points,). Collective."""
+    """Depths of the paths of points within the other side, (points,). Collective."""
     num_pieces = len(points.x) - 1
-    return _cpp.passed_lengths(other.facets, num_pieces, other.facet_x, points.x, points.normal)
+    return _cpp.passed_depths(other.facets, num_pieces, other.facet_x, points.x, points.normal)
 
 
 def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
@@ -180,15 +179,15 @@ def _through_shape(place: ToolPlace, points: _Motion, size: float) -> Array:
     may = (last[0] > 0) & (np.maximum(first[0], 0) + last[0] < way)
     at = np.flatnonzero(may & (cosine > 0))
     out = np.where(unseen, -last[0], 0.0)
-    out[at] = way[at] * _part_within(place, points.x[:, at], points.normal[:, at])
+    out[at] = _depth_within(place, points.x[:, at], points.normal[:, at])
     return out
 
 
-def _part_within(place: ToolPlace, x: Array, normal: Array) -> Array:
-    """Part of each path within an analytic tool, if it comes out; else 0.
+def _depth_within(place: ToolPlace, x: Array, normal: Array) -> Array:
+    """Depth of each path within an analytic tool, if it comes out; else 0.
 
-    Along a line, the distance from a convex tool has one minimum: a piece is within the tool from
-    before it to after it. From other tools, a path that starts outside does not come out.
+    Along a line, the distance from a convex tool has one minimum: a piece is within the tool before
+    and after it. From other tools, a path that starts outside does not come out.
 
     Args:
         place: The tool.
@@ -196,21 +195,17 @@ def _part_within(place: ToolPlace, x: Array, normal: Array) -> Array:
         normal: Outward unit normals of the points there, of the same shape.
     """
     count = x.shape[1]
-    enters: Array = np.full(count, np.inf)
-    leaves: Array = np.zeros(count)
+    depth: Array = np.zeros(count)
     alike: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
     for k in range(len(x) - 1):
         distance = functools.partial(_distance_along, place, x[k], x[k + 1])
         deepest = _deepest(distance, count)
-        first, last = (_crossing(distance, deepest, np.full(count, s)) for s in (0.0, 1.0))
-        looks = np.sum(normal[k + 1] * distance(last)[1], axis=1) > _cpp.alike_cosine
-        within = distance(deepest)[0] < 0
-        enters[within] = np.minimum(enters, k + first)[within]
-        leaves[within] = k + last[within]
-        alike[within] = looks[within]
-    part: Array = np.zeros(count)
-    part[alike] = (leaves - enters)[alike] / (len(x) - 1)
-    return part
+        leaves = _crossing(distance, deepest, np.ones(count))
+        looks = np.sum(normal[k + 1] * distance(leaves)[1], axis=1) > _cpp.alike_cosine
+        here = -distance(deepest)[0]
+        alike = np.where(here > 0, looks, alike)
+        depth = np.maximum(depth, here)
+    return np.asarray(np.where(alike, depth, 0.0))
 
 
 def _distance_along(place: ToolPlace, start: Array, end: Array, s: Array) -> tuple[Array, Array]:

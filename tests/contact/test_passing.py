@@ -33,12 +33,12 @@ def boundary(gdim, cell):
 
 
 def clip(start, end, low, high):
-    """Return where a straight path enters and leaves a box, and the axis along which it leaves."""
+    """Return where a straight path enters and leaves a box, and the axes along which it does."""
     way = end - start
     with np.errstate(divide="ignore"):
         a, b = (low - start) / way, (high - start) / way
-    last = np.maximum(a, b)
-    return np.minimum(a, b).max(), last.min(), int(np.argmin(last))
+    first, last = np.minimum(a, b), np.maximum(a, b)
+    return first.max(), last.min(), int(np.argmax(first)), int(np.argmin(last))
 
 
 @pytest.mark.parametrize(
@@ -46,10 +46,11 @@ def clip(start, end, low, high):
     ((2, "triangle"), (3, "tetrahedron"), (3, "hexahedron")),
 )
 @pytest.mark.parametrize("moves", (False, True))
-def test_lengths_within_a_box(gdim, cell, moves):
-    """Lengths of random paths through a box, which may move itself, are those of a clipped line.
+def test_depths_within_a_box(gdim, cell, moves):
+    """Depths of random paths through a box, which may move itself, are those of a clipped line.
 
-    They count if the point looks the way that the face does through which it comes out.
+    They count if the point looks the way that the face does through which it comes out, and if the
+    path grazes neither this face nor that through which it goes in.
     """
     surface, low, high = boundary(gdim, cell)
     rng = np.random.default_rng(3)
@@ -60,10 +61,12 @@ def test_lengths_within_a_box(gdim, cell, moves):
     mine = np.arange(400) % WORLD.size == WORLD.rank
     expected = np.zeros(400)
     for i in range(400):
-        first, last, axis = clip(start[i], end[i], low, high)
-        alike = np.sign((end - start)[i, axis]) * normal[i, axis]
-        if first < last and 0 < last < 1 and alike > 0.5:
-            expected[i] = (last - max(first, 0)) * np.linalg.norm(end[i] - start[i])
+        first, last, *axes = clip(start[i], end[i], low, high)
+        way = end[i] - start[i]
+        alike = np.sign(way[axes[1]]) * normal[i, axes[1]]
+        across = np.abs(way[axes] if first > 0 else way[axes[1:]]).min()
+        if first < last and 0 < last < 1 and alike > 0.5 and across > 0.1 * np.linalg.norm(way):
+            expected[i] = (last - max(first, 0)) * across
     assert np.count_nonzero(expected) > 50
 
     def padded(x):
@@ -74,13 +77,13 @@ def test_lengths_within_a_box(gdim, cell, moves):
         facet_x = np.stack([facets.facet_x - (1 - t) * was for t in times])
         x = np.stack([(1 - t) * padded(start - shift) + t * padded(end) for t in times])
         normals = np.stack([padded(normal)] * len(times))
-        lengths = _cpp.passed_lengths(facets, len(times) - 1, facet_x, x, normals)
-        assert np.allclose(lengths, expected[mine], rtol=1e-9, atol=1e-12)
+        depths = _cpp.passed_depths(facets, len(times) - 1, facet_x, x, normals)
+        assert np.allclose(depths, expected[mine], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("gdim, cell", ((2, "triangle"), (3, "tetrahedron"), (3, "hexahedron")))
 def test_pieces_of_straight_paths(gdim, cell):
-    """Lengths do not depend on the number of pieces of straight paths, also if the box deforms."""
+    """Depths do not depend on the number of pieces of straight paths, also if the box deforms."""
     facets, rng = boundary(gdim, cell)[0].cpp_object, np.random.default_rng(3)
     shear, ends, normal = np.zeros((3, 3)), np.zeros((2, 400, 3)), np.zeros((400, 3))
     shear[:gdim, :gdim] = rng.uniform(-0.7, 0.7, (gdim, gdim))
@@ -92,7 +95,7 @@ def test_pieces_of_straight_paths(gdim, cell):
         times = np.linspace(0, 1, num + 1)
         facet_x = np.stack([facets.facet_x + (1 - t) * facets.facet_x @ shear for t in times])
         x = np.stack([(1 - t) * ends[0] + t * ends[1] for t in times])
-        found.append(_cpp.passed_lengths(facets, num, facet_x, x, np.stack([normal] * (num + 1))))
+        found.append(_cpp.passed_depths(facets, num, facet_x, x, np.stack([normal] * (num + 1))))
     assert np.count_nonzero(found[0]) > 10
     np.testing.assert_allclose(*found, rtol=1e-8, atol=1e-10)
 
@@ -169,8 +172,22 @@ def test_a_solve_says_so(kind):
     assert WORLD.allgather(told) == [True] * WORLD.size
 
 
-def test_length_in_a_bar():
-    """The longest path through a bar is its diameter."""
+@pytest.mark.parametrize("steep", (False, True))
+def test_paths_that_start_on_a_face(steep):
+    """A path from a face into a box and out beside it counts unless it grazes the face."""
+    surface, low, high = boundary(2, "triangle")
+    facets = surface.cpp_object
+    start = np.array([[0.48, low[1], 0.0]])
+    end = np.array([[0.56, low[1] + (0.02 if steep else 0.005), 0.0]])
+    normal = np.array([[1.0, 0.0, 0.0]])
+    ends, still = np.stack([start, end]), np.stack([facets.facet_x] * 2)
+    found = _cpp.passed_depths(facets, 1, still, ends, np.stack([normal] * 2))
+    depth = 0.02 * (high[0] - 0.48) / 0.08 if steep else 0.0
+    np.testing.assert_allclose(WORLD.allreduce(found, op=MPI.MAX), depth, rtol=1e-9)
+
+
+def test_depth_in_a_bar():
+    """The deepest path through a bar goes through its middle."""
     case = OntoASheet("bars")
     model = case.contacts[0].model
     before = model.placement
@@ -180,7 +197,7 @@ def test_length_in_a_bar():
         case.problem.solve()
     found = find_passed(model, before)
     assert found is not None and found.side == "slave"
-    assert found.length == pytest.approx(2 * RADIUS, rel=0.03)
+    assert found.depth == pytest.approx(RADIUS - abs(found.x[0] - 0.25), rel=0.03)
 
 
 def test_going_around_an_edge_is_no_passing():
