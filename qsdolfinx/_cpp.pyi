@@ -461,6 +461,7 @@ def add_point_forces(
     derivatives: Sequence[numpy.typing.NDArray[numpy.float64]],
     values: Sequence[numpy.typing.NDArray[numpy.float64]],
     fields: Sequence[int],
+    missing: Sequence[int],
     moves: bool,
     gaps_move: bool,
     function_rows: numpy.typing.NDArray[numpy.int64],

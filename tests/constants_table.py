@@ -260,9 +260,6 @@ CHANGED = [
         ("friction/test_dissipation.py::test_energy_under_an_edge",),
     ),
     Changed(
-        "gap/following.py:LEAST_COVER", (0.3,), ("sliding/test_small_limit.py::test_second_order",)
-    ),
-    Changed(
         "gap/following.py:MOST_TURNED",
         (1.0, 3.14159),
         ("gap/test_arcs.py::test_arcs", "gap/test_arcs.py::test_half_a_turn"),

@@ -7,6 +7,7 @@
 #include "search/screen.h"
 #include "search/way_out.h"
 #include "search/winding.h"
+#include "sliding/facing.h"
 #include "surface/relief.h"
 
 #include <algorithm>
@@ -218,7 +219,7 @@ struct Piece
   std::size_t other;
   PlanarFacet planar;
   Polygon polygon;
-  bool faces; ///< whether it is paired, see facing_cosine; otherwise it only hides others
+  double counts; ///< part of its area that is paired; if 0, it only hides others
   /// Whether no vertex of the polygon is distinguished as the first one for the quadrature points.
   bool even = false;
 };
@@ -230,11 +231,6 @@ constexpr double even_tolerance = 1e-6;
 /// A facet is seen edge-on if the cosine of the angle between its normal and a line of sight is
 /// less than this. The line meets such a facet only by rounding, and it meets the neighbours.
 constexpr double edge_on_cosine = 1e-6;
-
-/// With updated geometry, facets face each other up to this angle (60°). Otherwise a leaning facet
-/// beside a tool's corner would be pushed by the wall, by several times the motion (see
-/// least_facing).
-constexpr double steep_cosine = -0.5;
 
 /// A facet that a line of sight may meet.
 struct Screen
@@ -368,7 +364,7 @@ private:
       find_pieces(f, frame, planar);
       find_own_screens(f, frame, planar);
       for (const Piece& piece : pieces_)
-        if (piece.faces)
+        if (piece.counts > 0)
           append(f, planar, piece);
       if (points_.size() == before && !asking_)
         ++points_.num_unpaired;
@@ -414,15 +410,18 @@ private:
       if (cut_.type() != FacetType::interval)
         even = !begin_with_facets(f, g, frame);
       pieces_.push_back({g, std::move(other), polygon_,
-                         dot(outward, outward_) < least_facing() * norm(outward)
-                             && (!of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_)),
+                         !of_itself_ || has_role(cut_, f, nearby_, g, cut_is_slave_)
+                             ? part_of_area(dot(outward, outward_) / norm(outward))
+                             : 0.0,
                          even});
     }
   }
 
-  /// Cosine below which facets face each other. With updated geometry, a gap along the normal n of
-  /// one facet changes by 1/|m·n| times the motion of the other facet, which has the normal m.
-  double least_facing() const { return record_ ? steep_cosine : facing_cosine; }
+  /// Part of the area of facets that is paired. @param cosine between their outward normals
+  double part_of_area(double cosine) const
+  {
+    return record_ ? facing_weight(-cosine).value : (cosine < facing_cosine ? 1.0 : 0.0);
+  }
 
   /// Choose the first vertex of the polygon such that it does not change when both facets rotate:
   /// the vertex that is first along the direction from one facet's middle to the other's, rotated
@@ -694,7 +693,7 @@ private:
           record_->append(cut_, f, nearby_, piece.other, cut_is_slave_);
           append_corners(planar, piece, triangles.around);
         }
-        const double weight = share_ * w_[p] / planar.jacobian(here.xi[p]);
+        const double weight = piece.counts * share_ * w_[p] / planar.jacobian(here.xi[p]);
         record_->append_point({here.xi[p], there.xi[p], weight * stretch(cut_, f, here.xi[p])},
                               places_[p]);
         continue;

@@ -1,6 +1,7 @@
 #include "sliding/motion.h"
 #include "geometry/outer.h"
 #include "geometry/processors.h"
+#include "sliding/facing.h"
 #include "sliding/forms.h"
 
 #include <algorithm>
@@ -75,6 +76,7 @@ public:
         { return std::ranges::find(place.corner, middle_corner) != place.corner.end(); });
     if (has_middle)
       append_middle();
+    append_facing(pair);
   }
 
   PointMotion of(std::size_t p, const RayPoint& point) const
@@ -86,6 +88,7 @@ public:
     const auto [values, gradients] = within(place);
     const std::array<Vec3, 2> e{frame_.e0, frame_.e1};
     PointMotion out;
+    out.by_facing = by_facing_;
     for (int b = 0; b <= dim_; ++b)
     {
       out.corner[b] = slot(place.corner[b]);
@@ -283,6 +286,20 @@ private:
     append(middle, out[0], out[1]);
   }
 
+  /// Rotation of the facets towards each other, if the weights depend on it.
+  void append_facing(const RayPair& pair)
+  {
+    const Normal other(pair.other);
+    const auto [value, slope] = facing_weight(-dot(normal_.n(), other.n()));
+    if (slope == 0)
+      return;
+    by_facing_ = slope / value;
+    velocity_.resize(velocity_.size() + static_cast<std::size_t>(size_), 0.0);
+    double* row = &velocity_[velocity_.size() - static_cast<std::size_t>(size_)];
+    normal_.add_to(-1 * other.n(), row + 3 * columns_.cut);
+    other.add_to(-1 * normal_.n(), row + 3 * columns_.other);
+  }
+
   /// Values of the functions of a triangle's corners at a point, and their gradients.
   std::pair<std::array<double, 3>, std::array<Vec2, 3>> within(const PointPlace& place) const
   {
@@ -342,6 +359,7 @@ private:
   std::vector<Vec2> q_;             ///< of corners, and of the middle
   std::size_t first_;
   std::vector<double>& velocity_; ///< of these, from `first_` on
+  double by_facing_ = 0;          ///< see PointMotion
 };
 } // namespace
 
@@ -416,7 +434,7 @@ void qsdolfinx::add_moved(const RayPair& pair, const PieceMotion& motion,
       right(3 * num_points * of_vertices);
   for (std::size_t p = 0; p < num_points; ++p)
   {
-    const auto& [corner, by_corner, by_vertex] = motion.points[p];
+    const auto& [corner, by_corner, by_vertex, by_facing] = motion.points[p];
     const double *by_xi = &forms[3 * p * rows], *by_eta = by_xi + rows, *by_weight = by_eta + rows;
     for (std::size_t b = 0; b <= dim; ++b)
       for (std::size_t d = 0; d < dim; ++d)
@@ -427,6 +445,9 @@ void qsdolfinx::add_moved(const RayPair& pair, const PieceMotion& motion,
           to[i] += by_corner[0][k] * by_xi[i] + by_corner[1][k] * by_eta[i]
                    + by_corner[2][k] * by_weight[i];
       }
+    if (by_facing != 0)
+      for (std::size_t i = 0; i < rows; ++i)
+        of_corners[of_corners.size() - rows + i] += by_facing * by_weight[i];
     for (std::size_t a = 0; a < 3; ++a)
       std::copy_n(by_vertex[a].begin(), of_vertices, &right[(3 * p + a) * of_vertices]);
   }

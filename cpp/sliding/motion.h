@@ -43,19 +43,22 @@ struct PieceShape
 };
 
 /// Motion of a point: δξ₁, δξ₂ and δ ln w as sums of velocities of the corners of its triangle, in
-/// the plane of the facet that is cut, and of this facet's vertices.
+/// the plane of the facet that is cut, and of this facet's vertices; and δ ln w by the rotation of
+/// the facets towards each other.
 struct PointMotion
 {
   std::array<std::uint8_t, 3> corner{};                 ///< numbers of the corners
   std::array<std::array<double, 6>, 3> by_corner{};     ///< [motion][corner][direction]
   std::array<std::array<double, 3 * 4>, 3> by_vertex{}; ///< [motion][vertex][3]
+  double by_facing = 0;                                 ///< ∂ ln w/∂(−m·n), see facing_weight
 };
 
 /// Motions of the points of a piece.
 struct PieceMotion
 {
-  std::span<const double>
-      velocity; ///< of corners, then of the middle, [corner][direction][node][3]
+  /// Of corners, then of the middle, [corner][direction][node][3]; at the end δ(−m·n), [node][3],
+  /// if the points' weights depend on it.
+  std::span<const double> velocity;
   std::span<const PointMotion> points;
 };
 

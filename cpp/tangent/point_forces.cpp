@@ -147,6 +147,9 @@ public:
     for (Vec field : at.fields)
       lambda_.push_back(field ? values_at(field, of_sides_) : std::vector<double>());
     lambda_.resize(m_);
+    for (Vec missing : at.missing)
+      missing_.push_back(values_at(missing, of_sides_));
+    missing_.resize(m_);
     for (auto* rows : {&of_nodes_, &of_functions_})
       rows->resize(m_);
   }
@@ -336,17 +339,16 @@ private:
   /// Collect the change of R_λ with the place of a point on the slave.
   void add_rest(const RayPair& pair, std::size_t p)
   {
-    const std::size_t point = first_ + p;
     for (std::size_t c = 0; c < m_; ++c)
     {
-      const double force = points_[p].weight * at_.rest[point * m_ + c];
-      if (force == 0)
+      const std::array<double, 4> force = forces_of_rest(p, c);
+      if (!any(force))
         continue;
       for (std::size_t i = 0; i < 2; ++i)
       {
         std::array<double, 4> changed{};
         for (std::size_t k = 0; k < nk_; ++k)
-          changed[k] = force * dN_[k][i];
+          changed[k] = force[k] * dN_[k][i];
         add_form(p, row_of(c, 0), nk_, changed.data(),
                  {place_slopes_[4 * p + 2 * i], place_slopes_[4 * p + 2 * i + 1]});
         if (pair.cut_is_slave)
@@ -359,8 +361,20 @@ private:
         right.resize(right.size() + size_ - n_, 0.0);
       }
       for (std::size_t k = 0; k < nk_ && !forms_.empty(); ++k)
-        forms_[(3 * p + 2) * size_ + row_of(c, k)] += force * N_[k];
+        forms_[(3 * p + 2) * size_ + row_of(c, k)] += force[k] * N_[k];
     }
+  }
+
+  /// w_p r_p for each function, without what points without a partner lose.
+  std::array<double, 4> forces_of_rest(std::size_t p, std::size_t c) const
+  {
+    std::array<double, 4> out{};
+    for (std::size_t k = 0; k < nk_; ++k)
+    {
+      const double lost = missing_[c].empty() ? 0.0 : missing_[c][piece_ * nk_ + k];
+      out[k] = points_[p].weight * (at_.rest[(first_ + p) * m_ + c] - lost);
+    }
+    return out;
   }
 
   void add_collected()
@@ -452,7 +466,8 @@ private:
   std::size_t m_, n_, nk_, size_; ///< components, rows of nodes, multipliers, all rows
   bool has_functions_;
   std::vector<std::int64_t> of_sides_;
-  std::vector<std::vector<double>> lambda_; ///< λ_ck of each component; empty if it is constant
+  std::vector<std::vector<double>> lambda_;  ///< λ_ck of each component; empty if it is constant
+  std::vector<std::vector<double>> missing_; ///< see PointState, for each component; empty for 0
   std::size_t piece_ = 0, first_ = 0;
   std::span<const RayPoint> points_;
   std::vector<double> matrix_, works_, gaps_, gap_slopes_, places_, place_slopes_, turn_;

@@ -34,7 +34,9 @@ struct PointState
                                    ///< planes of facets, times shares, [point][3]
   std::span<const double> leaning; ///< see SlipOfPieces, [point]
   std::vector<Vec> fields;         ///< λ_c at the smooth sides of nodes, for each component
-  bool moves;                      ///< whether points move on the facets, and heights change
+  std::vector<Vec> missing; ///< r_c of points without a partner at the smooth sides of nodes:
+                            ///< as much area as the points of pieces cover, these lose
+  bool moves;               ///< whether points move on the facets, and heights change
   bool gaps_move; ///< whether gaps and slips change with this motion, and slips with the facets
 };
 

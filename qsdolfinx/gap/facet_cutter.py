@@ -224,12 +224,14 @@ class FacetCutter:
         found: Found,
         state: PointState,
         fields: list[PETSc.Vec | None],
+        missing: list[PETSc.Vec],
         markers: Vecs,
         to: Destination,
     ) -> None:
         """See :class:`Cutter`."""
         rest, own, none = state.rest, found.vertices is not None, np.zeros(0)
         if self._are_constant:  # τ turns, with Σ_k N_k = 1
+            missing = []  # areas of vertices do not change
             first = len(fields) if own else 1
             fields = [None] * first + fields[first:]
             rest = np.where(np.arange(rest.shape[1]) < first, 0.0, rest)
@@ -251,6 +253,7 @@ class FacetCutter:
                 leaning,
             ],
             fields=[handle_of(vec) for vec in fields],
+            missing=[handle_of(vec) for vec in missing],
             moves=state.moves,
             gaps_move=state.gaps_move,
             function_rows=state.function_rows,

@@ -17,6 +17,7 @@ from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.no_value import NoGapError
 from qsdolfinx.gap.own_rows import FacedVertices, OwnRows
 from qsdolfinx.gap.vertex_normals import NormalsThere
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.surface.affine import trace_positions
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
@@ -28,12 +29,6 @@ Flags = npt.NDArray[np.bool_]
 #: a rigid tool, see ``RigidSurface.position``.
 Places = tuple[Array, Array]
 Vecs = tuple[PETSc.Vec, PETSc.Vec | None]
-
-#: Least part of a node's area for its multiplier: if less is covered, a point with an open gap is
-#: added, so that the multiplier is 0 where nothing is opposite. With more, forces at the edge of a
-#: surface would be reduced. It is not used for points at vertices, of which single ones slide from
-#: neighbour to neighbour: ``test_tip_that_slides``.
-LEAST_COVER = 0.01
 
 #: Largest rotation (radians): a larger one is not distinguished from a rotation in the opposite
 #: direction. The same as in cpp/sliding/ray.cpp.
@@ -247,6 +242,7 @@ class OfSegments(Cutter, typing.Protocol):
         found: Found,
         state: PointState,
         fields: list[PETSc.Vec | None],
+        missing: list[PETSc.Vec],
         markers: Vecs,
         to: Destination,
     ) -> None:
@@ -256,6 +252,7 @@ class OfSegments(Cutter, typing.Protocol):
             found: Contact pairs at these positions.
             state: State of the points.
             fields: ``state.fields`` as vectors of the slave's body.
+            missing: ``state.rest`` of points without a partner, in the same way.
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
             to: Destination of the derivatives.
         """
@@ -474,7 +471,7 @@ class Following:
                 "opposite facet: the deformed facets are too curved for their size"
             )
         node_area = self._cutter.node_area(places)
-        alone = self._alone(found, vertices, node_area)
+        alone = self._alone(found, vertices)
         operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
         own = None
@@ -483,8 +480,13 @@ class Following:
         self._last = Cut(places, vertices, node_area, found, operator, alone, self.carried, own)
         return self._last
 
-    def _alone(self, found: Found, vertices: Array | None, node_area: Array) -> Alone:
-        """Points that keep multipliers regular where hardly anything is covered. Collective."""
+    def _alone(self, found: Found, vertices: Array | None) -> Alone:
+        """Points that keep multipliers regular where hardly anything is covered. Collective.
+
+        If less than :data:`LEAST_COVER` of a node's area is covered, a point with an open gap has
+        the rest of this part, so that the multiplier is 0 where nothing is opposite. At the start
+        of a solve multipliers that are covered less are condensed.
+        """
         if found.vertices is not None:
             lost = found.vertices.lost
             return Alone(np.full(len(lost), -1), found.vertices.area[lost], self.radius)
@@ -494,9 +496,8 @@ class Following:
             # Of condensed multipliers hardly anything: it would reduce the multipliers of their
             # neighbours, by 1.5 % of displacements in tests/sliding/test_small_limit.py, "swapped".
             least = np.where(self.carried, 1e-8, LEAST_COVER)
-        if vertices is not None:  # their areas do not change, so these parts must not either
-            node_area = slave.node_area
-        missing = least * sides * node_area[:, None] - found.cover
+        # Areas of the surface at the start: these parts change with the covered areas alone.
+        missing = least * sides * slave.node_area[:, None] - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 
@@ -586,10 +587,32 @@ class Following:
         """Add the derivative of forces and of R_λ and R_τ at the points. Collective."""
         assert self._marked is not None
         vecs = [None if field is None else self._vec_of_sides(field) for field in state.fields]
-        self._segments.add_point_forces(last.found, state, vecs, self._marked, to)
-        for vec in vecs:
+        missing = self._missing(last, state.rest)
+        self._segments.add_point_forces(last.found, state, vecs, missing, self._marked, to)
+        for vec in (*vecs, *missing):
             if vec is not None:
                 vec.destroy()
+
+    def _missing(self, last: Cut, rest: Array) -> list[PETSc.Vec]:
+        """R of points without a partner at the smooth patches of nodes. Collective.
+
+        Args:
+            last: The last evaluation.
+            rest: r at all points, (rows, components).
+
+        Returns:
+            A vector for each component; none if no rank has such points.
+        """
+        unknown = last.alone.unknown
+        any_here = len(unknown) > 0 and last.found.vertices is None
+        if not self._slave.comm.allreduce(any_here, op=MPI.LOR):
+            return []
+        out = []
+        for values in rest[len(rest) - len(unknown) :].T:
+            vec = self._slave.create_vec()
+            vec.array[unknown - vec.owner_range[0]] = values
+            out.append(vec)
+        return out
 
     def points(self, last: Cut) -> tuple[Array, Array]:
         """Points on this rank, (points, 3), and their gaps, positive if open."""
