@@ -1011,10 +1011,18 @@ FAULTS = [
     Fault(
         "turn of a tie",
         "qsdolfinx/gap/turning.py",
-        "of_f[:, :, :1] * e[:, None, 1] - of_f[:, :, 1:] * e[:, None, 0]",
-        "of_f[:, :, :1] * e[:, None, 1] + of_f[:, :, 1:] * e[:, None, 0]",
+        "of_f[:, 0, :, None] * e[:, None, 1] - of_f[:, 1, :, None] * e[:, None, 0]",
+        "of_f[:, 0, :, None] * e[:, None, 1] + of_f[:, 1, :, None] * e[:, None, 0]",
         "sign in the rotation of gaps about facet normals: forces of ties across a gap",
         ("tests/gap/test_tie_across_gap.py::test_moment",),
+    ),
+    Fault(
+        "curvature of a tie",
+        "qsdolfinx/gap/turning.py",
+        "to.sums.add_squares(numbers, -to.scale[i] * H",
+        "to.sums.add_squares(numbers, to.scale[i] * H",
+        "finite sliding of ties across a gap: a sign in the tangent",
+        ("tests/gap/test_tie_across_gap.py::test_quadratic_end",),
     ),
     Fault(
         "all components of turned ties",

@@ -388,6 +388,18 @@ class WeightedGap:
         handles = handle_of(u[0]), handle_of(u[1])
         state.values = self._own.apply(*handles, state.scale) + state.offset
 
+    def add_turning(self, multiplier: Array, to: Destination) -> None:
+        """Add the derivative of forces of constant λ due to co-rotated gaps. Collective.
+
+        Args:
+            multiplier: λ, (rows, gdim).
+            to: Destination of the derivatives.
+        """
+        turned = self.state.turned
+        assert self.turning is not None and turned is not None and self._marked is not None
+        forces = self.weight[:, None] * multiplier
+        self.turning.add_curvature(turned, forces, self._own, self._marked, to)
+
     def _places_with(self, u: Vecs) -> TiePlaces:
         """Positions of tied surfaces for these unknowns. Collective."""
         assert self.tie is not None
