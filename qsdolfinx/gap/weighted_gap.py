@@ -596,11 +596,17 @@ class WeightedGap:
             turning = self._share * turning[0], turning[1]
         return self.following.mixed(self.cut, self._share * rest, turning)
 
-    def moving_slip(self, start: Places, leaning: Array) -> Changes:
-        """Derivative of the slip since then, with moving points, and −l_p δn. Collective."""
+    def moving_slip(self, start: Places, leaning: Array, kept: Array) -> Changes:
+        """Derivative of the slip since then, with moving points and planes. Collective.
+
+        Args:
+            start: Positions at the start.
+            leaning: l_p (length) of the term −l_p δn, (rows,).
+            kept: Vectors (length) at the start that turn since then, (rows, gdim).
+        """
         assert self.following is not None and self.cut is not None
         slip = self.following.slip_at_points(self.cut, start)
-        return self.following.moving_slip(self.cut, slip, leaning)
+        return self.following.moving_slip(self.cut, slip, leaning, kept)
 
     def fits_pattern(self) -> bool:
         """Whether the sparsity pattern of the tangent blocks fits the last evaluation."""
