@@ -352,6 +352,9 @@ class SlipOfPieces:
     def gap(self) -> numpy.typing.NDArray[numpy.float64]:
         """Gap of the same material points when slip began, positive in penetration, [point]."""
 
+    def turns(self, pieces: Pieces) -> numpy.typing.NDArray[numpy.float64]:
+        """Rotation of vectors that turn with the facets of slip since slip began, [point][3][3]."""
+
 class StackedRows:
     """Rows of points over all unknowns; see tangent/products.h."""
 
@@ -462,6 +465,7 @@ def add_point_forces(
     values: Sequence[numpy.typing.NDArray[numpy.float64]],
     fields: Sequence[int],
     missing: Sequence[int],
+    begun: Sequence[int],
     moves: bool,
     gaps_move: bool,
     function_rows: numpy.typing.NDArray[numpy.int64],
@@ -472,7 +476,7 @@ def add_point_forces(
     tool: int,
     way: Sequence[float],
 ) -> None:
-    """Add the derivative of the forces and of the equations of multipliers at the points of pieces: factors γ, a, and that of N in R_λ; derivatives D and those of r by λ; pressures, tractions, r, vectors that turn with facets, and their components along normals; see tangent/point_forces.h. Collective."""
+    """Add the derivative of the forces and of the equations of multipliers at the points of pieces: factors γ, a, and that of N in R_λ; derivatives D and those of r by λ; pressures, tractions, r, vectors that turn with facets, their components along normals, and the part of the trials that turns, with its derivatives by functions; λ, and a field of that part; see tangent/point_forces.h. Collective."""
 
 def add_products(
     sums: RowSums, left: StackedRows, right: StackedRows, D: numpy.typing.NDArray[numpy.float64]

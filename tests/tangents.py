@@ -2,6 +2,8 @@
 
 import typing
 
+from petsc4py import PETSc
+
 import numpy as np
 
 from qsdolfinx.friction import filled
@@ -76,3 +78,23 @@ def on_edge(equations, z, seed=3):
         by_pressure = p.rows.nodal.by_trial()[1]
         values.normal[:, 0] += (wanted - e.normal.trial[:, 0]) / by_pressure
     return z
+
+
+def full_steps(equations, z, num):
+    """Return the norms of the residual in this number of full Newton steps from z. Collective."""
+    comm, norms = equations.system.comm, []
+    ksp = PETSc.KSP().create(comm)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    for k in range(num + 1):
+        R = equations.residual(z)
+        norms.append(np.sqrt(comm.allreduce(R @ R)))
+        if k < num:
+            ksp.setOperators(equations.tangent(z, exact=False))
+            b, x = ksp.getOperators()[0].createVecs()
+            b.array[:] = -R
+            ksp.solve(b, x)
+            z = z + x.array
+    ksp.destroy()
+    return np.array(norms)

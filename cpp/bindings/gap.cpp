@@ -44,7 +44,20 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "Arc length along the facets divided by the slip, which is its chord, [point].")
       .def_prop_ro(
           "gap", [](const SlipOfPieces& s) { return copy(s.gap, {s.gap.size()}); },
-          "Gap of the same material points when slip began, positive in penetration, [point].");
+          "Gap of the same material points when slip began, positive in penetration, [point].")
+      .def(
+          "turns",
+          [](const SlipOfPieces& s, const Pieces& pieces)
+          {
+            std::vector<double> out;
+            out.reserve(9 * pieces.points.size());
+            for (std::size_t i = 0; i < pieces.size(); ++i)
+              for (std::size_t p = 0; p < pieces.points_of(i).size(); ++p)
+                out.insert(out.end(), &s.turn[9 * i], &s.turn[9 * i] + 9);
+            return copy(std::move(out), {pieces.points.size(), 3, 3});
+          },
+          "pieces"_a,
+          "Rotation of vectors that turn with the facets of slip since slip began, [point][3][3].");
   m.def("points_of_pieces", &points_of_pieces, "slave"_a, "master"_a.none(), "pieces"_a,
         "Points of pieces as pairing points without normals.");
   nb::class_<GapOperator>(m, "GapOperator",

@@ -76,14 +76,15 @@ void qsdolfinx::bind_tangent(nb::module_& m)
       "add_point_forces",
       [](RowSums& sums, const Pieces& pieces, const SlipOfPieces* slip,
          std::array<In<double>, 3> factors, std::array<In<double>, 2> derivatives,
-         std::array<In<double>, 5> values, const std::vector<Handle>& fields,
-         const std::vector<Handle>& missing, bool moves, bool gaps_move,
-         In<std::int64_t> function_rows, const std::vector<const CompressedRows*>& functions,
-         bool own, std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale,
-         std::int64_t tool, std::array<double, 3> way)
+         std::array<In<double>, 7> values, const std::vector<Handle>& fields,
+         const std::vector<Handle>& missing, const std::vector<Handle>& begun, bool moves,
+         bool gaps_move, In<std::int64_t> function_rows,
+         const std::vector<const CompressedRows*>& functions, bool own,
+         std::array<In<std::int64_t>, 2> numbers, std::array<double, 2> scale, std::int64_t tool,
+         std::array<double, 3> way)
       {
         const std::size_t components = factors[0].array.size();
-        const auto [pressure, traction, rest, turning, leaning] = values;
+        const auto [pressure, traction, rest, turning, leaning, kept, kept_slopes] = values;
         PointState at{components,
                       factors[0].view(),
                       factors[1].view(),
@@ -95,6 +96,9 @@ void qsdolfinx::bind_tangent(nb::module_& m)
                       rest.view(),
                       turning.view(),
                       leaning.view(),
+                      kept.view(),
+                      kept_slopes.view(),
+                      {},
                       {},
                       {},
                       moves,
@@ -103,15 +107,19 @@ void qsdolfinx::bind_tangent(nb::module_& m)
           at.fields.push_back(reinterpret_cast<Vec>(field));
         for (Handle field : missing)
           at.missing.push_back(reinterpret_cast<Vec>(field));
+        for (Handle field : begun)
+          at.begun.push_back(reinterpret_cast<Vec>(field));
         add_point_forces(pieces, slip, at, {function_rows.view(), functions, own},
                          {sums, {numbers[0].view(), numbers[1].view()}, scale, tool, way});
       },
       "sums"_a, "pieces"_a, "slip"_a.none(), nb::kw_only(), "factors"_a, "derivatives"_a,
-      "values"_a, "fields"_a, "missing"_a, "moves"_a, "gaps_move"_a, "function_rows"_a,
+      "values"_a, "fields"_a, "missing"_a, "begun"_a, "moves"_a, "gaps_move"_a, "function_rows"_a,
       "functions"_a, "own"_a, "numbers"_a, "scale"_a, "tool"_a, "way"_a,
       "Add the derivative of the forces and of the equations of multipliers at the points of "
       "pieces: factors γ, a, and that of N in R_λ; derivatives D and those of r by λ; pressures, "
-      "tractions, r, vectors that turn with facets, and their components along normals; see "
+      "tractions, r, vectors that turn with facets, their components along normals, and the part "
+      "of the trials that turns, with its derivatives by functions; λ, and a field of that part; "
+      "see "
       "tangent/point_forces.h. Collective.");
   m.def(
       "free_unknowns",

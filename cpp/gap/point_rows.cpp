@@ -428,6 +428,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
   slope.resize(6 * n);
   arc.resize(n);
   gap.resize(n);
+  turn.resize(9 * pieces.size());
   std::size_t done = 0;
   for (std::size_t i = 0; i < pieces.size(); ++i)
   {
@@ -447,6 +448,7 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
       }
     const RayStart start{pair.cut_is_slave ? first : second, pair.cut_is_slave ? second : first};
     const std::size_t count = points.size();
+    turn_since(pair, start, std::span(turn).subspan(9 * i, 9));
     slip_of_points(Rays(pair, points), start,
                    {std::span(slip).subspan(3 * done, 3 * count),
                     std::span(normal).subspan(3 * done, 3 * count),

@@ -47,10 +47,10 @@ void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 
 /// Slip at the points of pieces, see RaySlip. Shapes are [point][3], [point][node][3][3] (the
-/// slave's nodes first), or [point].
+/// slave's nodes first), or [point]; `turn` is the rotation of turn_since(), [piece][3][3].
 struct SlipOfPieces
 {
-  std::vector<double> slip, normal, gradient, works, slope, arc, gap;
+  std::vector<double> slip, normal, gradient, works, slope, arc, gap, turn;
 
   /// Collective. @param slave, master positions of the bodies' nodes when slip began, as vectors of
   /// the bodies; master is null for a rigid tool

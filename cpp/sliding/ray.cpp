@@ -412,6 +412,21 @@ struct Frame
   std::array<Vec3, 2> e;
 };
 
+/// Unit vectors along the first edge of a facet in its plane, and across it.
+struct PlaneFrame
+{
+  explicit PlaneFrame(const RayFacet& facet, const Vec3& normal)
+      : n(normal), edge(facet_vertex(facet.x, 1) - facet_vertex(facet.x, 0)), rise(dot(n, edge)),
+        length(norm(edge - rise * n)), first(1 / length * (edge - rise * n)),
+        second(cross(n, first))
+  {
+  }
+
+  Vec3 n, edge;
+  double rise, length; ///< of the edge along n, and in the plane
+  Vec3 first, second;
+};
+
 /// Vectors in the plane of a facet across its normal n, rotated to the tangent plane at one of its
 /// points. Gaps along the normal m there are then no slip, on curved facets, too.
 struct Across
@@ -565,6 +580,29 @@ void qsdolfinx::slip_of_points(const Rays& rays, const RayStart& start, const Ra
       normal.add_to<9>(ray.t * works[r], work + 9 * columns.along + 3 * r);
     }
   }
+}
+
+void qsdolfinx::turn_since(const RayPair& pair, const RayStart& start, std::span<double> out)
+{
+  const RayFacet facet = pair.along(),
+                 before = moved_to(facet, pair.along_other ? start.other : start.cut);
+  const PlaneFrame now(facet, Normal(facet).n()), then(before, Normal(before).n());
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c)
+      out[3 * r + c]
+          = now.n[r] * then.n[c] + now.first[r] * then.first[c] + now.second[r] * then.second[c];
+}
+
+void qsdolfinx::spin_gradient(const RayPair& pair, std::span<double> out)
+{
+  const Normal normal(pair.along());
+  const PlaneFrame frame(pair.along(), normal.n());
+  const Vec3 by_edge = 1 / frame.length * frame.second;
+  std::ranges::fill(out, 0.0);
+  double* row = &out[3 * static_cast<std::size_t>(Columns(pair).along)];
+  add(row, -1, by_edge);
+  add(row + 3, 1, by_edge);
+  normal.add_to(-frame.rise * by_edge, row);
 }
 
 void qsdolfinx::add_slip_curvature_of_points(const Rays& rays, std::span<const double> traction,

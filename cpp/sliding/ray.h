@@ -127,6 +127,16 @@ struct RaySlip
 };
 void slip_of_points(const Rays& rays, const RayStart& start, const RaySlip& out);
 
+/// Rotation of vectors that turn with the facet along whose normal the rays are, since slip began:
+/// its normal and the direction of its first edge in the plane turn with it. @param out rows,
+/// [3][3]
+void turn_since(const RayPair& pair, const RayStart& start, std::span<double> out);
+
+/// Gradient of the angle of this rotation about the normal, which all rotations of the facet in its
+/// plane have in common. A vector v in the plane changes by n × v times this, and along n.
+/// @param out [node][3]
+void spin_gradient(const RayPair& pair, std::span<double> out);
+
 /// Add the derivative of Σ_p w_p τ_p·(variation that tractions work on), for constant tractions and
 /// fixed ξ and w.
 /// @param traction τ_p, [point][3] @param hessian [node][3][node][3], rows are those of this

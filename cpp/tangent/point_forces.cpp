@@ -150,6 +150,8 @@ public:
     for (Vec missing : at.missing)
       missing_.push_back(values_at(missing, of_sides_));
     missing_.resize(m_);
+    for (Vec field : at.begun)
+      begun_.push_back(values_at(field, of_sides_));
     for (auto* rows : {&of_nodes_, &of_functions_})
       rows->resize(m_);
   }
@@ -207,8 +209,12 @@ private:
     if (at_.gaps_move && !rays.pair.rise.empty()) // gaps are those to the facet itself
       gap_gradients(rays, gaps_, {}, false);
     turn_.resize(3 * n_);
+    spin_.resize(n_);
     if (slip_)
+    {
       normal_gradient(rays.pair, turn_);
+      spin_gradient(rays.pair, spin_);
+    }
     if (!has_functions_)
       return;
     places_.resize(2 * count * n_);
@@ -229,6 +235,8 @@ private:
     {
       double* to = &right_[c * size_];
       set_gap(to, &slopes_[2 * c], c, p);
+      if (c > 0 && has_functions_)
+        set_kept(pair, to, &slopes_[2 * c], c - 1, p);
       if (!has_functions_)
         continue;
       const double part = at_.part[c];
@@ -267,6 +275,38 @@ private:
     for (std::size_t a = 0; a < 2 && !forms_.empty(); ++a)
       slopes[a]
           = gamma * (c == 0 ? gap_slopes_[2 * p + a] : slip_->slope[6 * point + 3 * a + c - 1]);
+  }
+
+  /// Add the change of the part of a trial that turns with the facet, see PointState.
+  void set_kept(const RayPair& pair, double* to, double* slopes, std::size_t r, std::size_t p) const
+  {
+    const std::size_t point = first_ + p;
+    if (at_.kept.empty())
+      return;
+    const Vec3 v = facet_vertex(at_.kept, static_cast<int>(point));
+    const double across = (pair.cut_is_slave ? 1 : -1) * cross(normal_of(pair), v)[r];
+    for (std::size_t i = 0; i < n_ && at_.gaps_move; ++i)
+      to[i] += across * spin_[i];
+    std::array<double, 2> change{};
+    for (std::size_t k = 0; k < nk_ && !own_; ++k)
+    {
+      double by_function = 0;
+      for (std::size_t i = 0; i < 3; ++i)
+      {
+        const double turn = slip_->turn[9 * piece_ + 3 * r + i];
+        if (!at_.kept_slopes.empty())
+          by_function += turn * at_.kept_slopes[3 * (point * nk_ + k) + i];
+        if (i < begun_.size())
+          by_function += turn * begun_[i][piece_ * nk_ + k];
+      }
+      for (std::size_t a = 0; a < 2; ++a)
+        change[a] += by_function * dN_[k][a];
+    }
+    const double* by_place = &places_[2 * p * n_];
+    for (std::size_t i = 0; i < n_ && !pair.cut_is_slave; ++i)
+      to[i] += change[0] * by_place[i] + change[1] * by_place[n_ + i];
+    for (std::size_t a = 0; a < 2 && !forms_.empty(); ++a)
+      slopes[a] += change[0] * place_slopes_[4 * p + a] + change[1] * place_slopes_[4 * p + 2 + a];
   }
 
   double of_slip(const std::vector<double>& values, std::size_t p, std::size_t r,
@@ -468,9 +508,10 @@ private:
   std::vector<std::int64_t> of_sides_;
   std::vector<std::vector<double>> lambda_;  ///< λ_ck of each component; empty if it is constant
   std::vector<std::vector<double>> missing_; ///< see PointState, for each component; empty for 0
+  std::vector<std::vector<double>> begun_;   ///< see PointState, for each component
   std::size_t piece_ = 0, first_ = 0;
   std::span<const RayPoint> points_;
-  std::vector<double> matrix_, works_, gaps_, gap_slopes_, places_, place_slopes_, turn_;
+  std::vector<double> matrix_, works_, gaps_, gap_slopes_, places_, place_slopes_, turn_, spin_;
   std::array<double, 4> N_{};
   std::array<std::array<double, 2>, max_trace> dN_{};
   std::vector<double> right_, slopes_;       ///< of the trials of a point, by nodes and by ξ

@@ -33,9 +33,16 @@ struct PointState
   std::span<const double> turning; ///< vectors of which r_c are components and which stay in the
                                    ///< planes of facets, times shares, [point][3]
   std::span<const double> leaning; ///< see SlipOfPieces, [point]
-  std::vector<Vec> fields;         ///< λ_c at the smooth sides of nodes, for each component
-  std::vector<Vec> missing; ///< r_c of points without a partner at the smooth sides of nodes:
-                            ///< as much area as the points of pieces cover, these lose
+  std::span<const double>
+      kept; ///< part of the trials of tractions that turns with facets, [point][3]
+  /// Derivatives of this part by the slave's functions at the point, before it turns,
+  /// [point][multiplier][3]; empty if there are none.
+  std::span<const double> kept_slopes;
+  std::vector<Vec> fields;  ///< λ_c at the smooth sides of nodes, for each component
+  std::vector<Vec> begun;   ///< components at the smooth sides of nodes of a field in this part,
+                            ///< before it turns; none if there is no such field
+  std::vector<Vec> missing; ///< r_c of points without a partner at the smooth sides of nodes: as
+                            ///< much area as the points of pieces cover, these lose
   bool moves;               ///< whether points move on the facets, and heights change
   bool gaps_move; ///< whether gaps and slips change with this motion, and slips with the facets
 };

@@ -23,6 +23,9 @@ LEAST_SPREAD, FARTHEST = 0.01, 2.0
 #: it there are too few points, and errors would be magnified.
 LEAST_SHARE = 1e-3
 
+#: Exponents of the monomials in two variables.
+_PAIRS = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -96,21 +99,43 @@ class SmoothRest:
         self._scaled: Array = np.divide(
             axes, np.sqrt(square)[:, None], out=np.zeros_like(axes), where=told[:, None]
         )
-        known = self._functions(old.place, of)
+        known = _monomials(self._along(old.place, of)[0])
         share, parts = np.linalg.eigh(means(known[:, :, None] * known[:, None]))
         inverse = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST_SHARE)
         right = np.swapaxes(parts, 1, 2) @ means(known[:, :, None] * old.rest[:, None])
         self._factors: Array = (parts * inverse[:, None]) @ right
 
-    def at(self, keys: Indices, place: Array, turns: Array) -> Array:
-        """Values of the function at other points, rotated, (points, gdim).
+    def at(self, keys: Indices, place: Array) -> Array:
+        """Values of the function at other points, (points, gdim).
 
         Args:
             keys: Keys of these points, as those of the old points.
             place: Positions of these points, as those of the old points.
-            turns: Rotation matrices of the vectors, (points, gdim, gdim).
         """
-        out, starts, count = np.zeros(turns.shape[:2]), _starts(keys), len(self._keys)
+        some, of = self._known(keys)
+        out = np.zeros((len(keys), self._factors.shape[2]))
+        functions = _monomials(self._along(place[some], of)[0])
+        out[some] = np.einsum("pk,pki->pi", functions, self._factors[of])
+        return out
+
+    def slopes(self, keys: Indices, place: Array) -> Array:
+        """Derivatives of the function by the position, (points, vertices, gdim).
+
+        Args:
+            keys: As for :meth:`at`.
+            place: As for :meth:`at`.
+        """
+        some, of = self._known(keys)
+        out = np.zeros((*place.shape, self._factors.shape[2]))
+        along, inside = self._along(place[some], of)
+        slopes = _slopes_of_monomials(along) * inside[:, None]
+        by_along = np.einsum("pkj,pki->pji", slopes, self._factors[of])
+        out[some] = self._scaled[of] @ by_along
+        return out
+
+    def _known(self, keys: Indices) -> tuple[Indices, Indices]:
+        """Points between facets with old points, and the numbers of these pairs of facets."""
+        starts, count = _starts(keys), len(self._keys)
         _, first, group = np.unique(
             np.concatenate([self._keys, keys[starts]]),
             axis=0,
@@ -120,15 +145,15 @@ class SmoothRest:
         at = first[group.ravel()[count:]]  # at least count for unknown pairs
         of = np.repeat(at, np.diff(starts, append=len(keys)))
         some = np.flatnonzero(of < count)
-        functions = self._functions(place[some], of[some])
-        values = np.einsum("pk,pki->pi", functions, self._factors[of[some]])
-        out[some] = np.einsum("pij,pj->pi", turns[some], values)
-        return out
+        return some, of[some]
 
-    def _functions(self, place: Array, of: Indices) -> Array:
-        """Monomials of the positions, scaled by the standard deviations of a pair of facets."""
+    def _along(self, place: Array, of: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Positions scaled by the standard deviations of a pair of facets, within limits.
+
+        The flags tell which components are within the limits.
+        """
         along = np.einsum("pk,pkj->pj", place - self._center[of], self._scaled[of])
-        return _monomials(np.clip(along, -FARTHEST, FARTHEST))
+        return np.clip(along, -FARTHEST, FARTHEST), np.abs(along) < FARTHEST
 
 
 def _starts(keys: Indices) -> Indices:
@@ -142,8 +167,20 @@ def _monomials(x: Array) -> Array:
     powers = [x**k for k in range(DEGREE + 1)]
     if x.shape[1] == 1:
         return np.column_stack(powers)
-    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    return np.column_stack([powers[i][:, 0] * powers[j][:, 1] for i, j in pairs])
+    return np.column_stack([powers[i][:, 0] * powers[j][:, 1] for i, j in _PAIRS])
+
+
+def _slopes_of_monomials(x: Array) -> Array:
+    """Derivatives of these monomials by the variables, (points, monomials, variables)."""
+    powers = [x**k for k in range(DEGREE + 1)]
+    slopes = [np.zeros_like(x), *(k * powers[k - 1] for k in range(1, DEGREE + 1))]
+    if x.shape[1] == 1:
+        return np.stack(slopes, axis=1)
+    columns = [
+        np.stack([slopes[i][:, 0] * powers[j][:, 1], powers[i][:, 0] * slopes[j][:, 1]], axis=1)
+        for i, j in _PAIRS
+    ]
+    return np.stack(columns, axis=1)
 
 
 def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:

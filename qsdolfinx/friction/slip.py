@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 
 from mpi4py import MPI
@@ -19,7 +20,7 @@ from qsdolfinx.friction.dissipation import Evaluated, slip_and_energy
 from qsdolfinx.friction.filled import STEEP, bounded, limited
 from qsdolfinx.friction.laws import Friction, Response, Rows, Slid
 from qsdolfinx.friction.of_points import OfPoints, SmoothRest, are_same
-from qsdolfinx.gap.following import MOST_TURNED, Changes, Places, SlipAtPoints
+from qsdolfinx.gap.following import MOST_TURNED, Changes, Kept, Places, SlipAtPoints
 from qsdolfinx.gap.frames import Frames, turned
 from qsdolfinx.gap.law_memory import LawMemory, committed, named_keys
 from qsdolfinx.gap.no_value import check_finite
@@ -30,6 +31,9 @@ from qsdolfinx.surface.affine import Affine, affine_vec
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
+#: Vectors at points, (rows, gdim), and a function that returns their derivatives by the functions
+#: of the slave's vertices there, (rows, vertices, gdim); None if they are constant.
+Rest = tuple[Array, typing.Callable[[], Array] | None]
 
 #: Least arc length along surfaces over its chord for which the chord may point backwards: larger
 #: rotations are not distinguished.
@@ -215,6 +219,10 @@ class Slip:
         self._frames: Frames | None = None
         #: With constraints at points, frames of the nodes at the start of the step.
         self._began: tuple[Places, Array] | None = None
+        #: With updated geometry, rotations of vectors at the points since the start of the step,
+        #: (rows, gdim, gdim), and ``SlipState.rest`` before it turns; None before the first step.
+        self._turn: Array | None = None
+        self._rest: Rest | None = None
         #: The part of τ beyond the nodes' multipliers as a function of position, and the data from
         #: which it was computed.
         self._smooth: tuple[OfPoints, SmoothRest] | None = None
@@ -250,17 +258,61 @@ class Slip:
         """
         if not isinstance(self.gap.rows, PointRows):
             return self.state.augmented
-        return np.asarray(self.tangential(self._reached(elastic, reached)) + self.state.rest)
+        flat, start = self._reached(elastic, reached), self._start(elastic)
+        if start is not None:
+            flat = flat + self._since_start(self.at_rows(start))
+        return np.asarray(self.tangential(flat) + self.state.rest)
 
     def _reached(self, elastic: float, reached: Array | None) -> Array:
-        """τ_h + r (τ̂_h − τ_h) at points; only its tangential part is used. Collective."""
+        """τ_h + r (τ̂_h − τ_h) at points, without :meth:`_start`; its tangential part is used.
+
+        Collective.
+        """
         state, rows = self.state, self.gap.rows
         assert isinstance(rows, PointRows)
         if reached is None:
             nodal = state.augmented if state.reached is None else state.reached
             reached = self.at_rows(nodal)
-        start = self.at_rows(state.augmented) if elastic > 0 else 0.0
+        turns = self._start(elastic) is not None
+        start = self.at_rows(state.augmented) if elastic > 0 and not turns else 0.0
         return np.asarray((1 - elastic) * reached + elastic * start)
+
+    def _start(self, elastic: float) -> Array | None:
+        """R τ̂ of nodes at the start of the step, which turns with the points. Collective.
+
+        It is in the shape of ``augmented``, and None where it does not turn: without updated
+        geometry, for multipliers of vertices, and for r = 0.
+        """
+        state = self.state
+        if elastic == 0 or self._turn is None or self.gap.own is not None or state.frames is None:
+            return None
+        return elastic * self._turned_with(state.augmented, state.frames, self._frames_then())
+
+    def kept(self, elastic: float) -> Kept | None:
+        """Part of the trials at points that turns with the facets. Collective.
+
+        None if there is none.
+
+        Args:
+            elastic: As for :meth:`known`.
+        """
+        field, rest = self._start(elastic), self._rest
+        if self._turn is None or (field is None and rest is None):
+            return None
+        before, slopes = np.zeros_like(self.state.jump), None
+        if rest is not None:
+            before = before + rest[0]
+            slopes = None if rest[1] is None else rest[1]()
+        if field is not None:
+            before = before + self.at_rows(field)
+            field = field.reshape(len(field), self.slave.block, self.slave.gdim)
+        flat = self.tangential(self._since_start(before))  # the part that counts
+        return Kept(np.einsum("pji,pj->pi", self._turn, flat), slopes, field)
+
+    def _since_start(self, vectors: Array) -> Array:
+        """Vectors at points, turned since the start of the step, (rows, gdim)."""
+        assert self._turn is not None
+        return np.asarray(np.einsum("pij,pj->pi", self._turn, vectors))
 
     def at_rows(self, on_nodes: Array) -> Array:
         """τ̂ at points, from that at nodes or at vertices of a tool, (rows, gdim). Collective.
@@ -285,7 +337,9 @@ class Slip:
         leaning = self.leaning(elastic, reached, penalty)
         if leaning is None or self.state.begun is None:
             return Changes(self.operator)
-        return self.gap.moving_slip(self.state.begun, leaning)
+        kept = self.kept(elastic)
+        before = np.zeros_like(self._jump) if kept is None else kept.before
+        return self.gap.moving_slip(self.state.begun, leaning, np.asarray(before / penalty))
 
     @property
     def at_points(self) -> SlipAtPoints | None:
@@ -552,12 +606,13 @@ class Slip:
             state.begun = gap.cut.places
         self.take_operator()
         found = gap.slip_at_points(state.begun)
-        state.jump = found.slip
+        state.jump, self._rest = found.slip, None
         self._turn_augmented()
         zero, none = np.zeros_like(state.jump), np.zeros(len(state.jump))
         state.start, state.shift, state.rest = zero, zero, 0.0
         if state.of_points is not None:
-            state.rest = self.tangential(self._rest_at(found, state.of_points))
+            self._rest = self._rest_at(found, state.of_points)
+            state.rest = self.tangential(self._since_start(self._rest[0]))
         state.on_edge = np.full_like(none, np.inf)
         state.pressed, state.slipped, state.used = none, none, none
         if state.of_nodes is not None:
@@ -569,14 +624,17 @@ class Slip:
             else:
                 self.parameters[name] = rows.from_nodes(values)
 
-    def _rest_at(self, found: SlipAtPoints, kept: OfPoints) -> Array:
-        """``rest`` at the points; the stored values, rotated, if no point has moved. Collective."""
-        turns, same = self._turns(), are_same(kept, found.facets, found.place)
-        if self.slave.comm.allreduce(same, op=MPI.LAND):
-            return np.asarray(np.einsum("pij,pj->pi", turns, kept.rest))
+    def _rest_at(self, found: SlipAtPoints, kept: OfPoints) -> Rest:
+        """``rest`` at the points before it turns; the stored values if no point has moved.
+
+        Collective.
+        """
+        if self.slave.comm.allreduce(are_same(kept, found.facets, found.place), op=MPI.LAND):
+            return kept.rest, None
         if self._smooth is None or self._smooth[0] is not kept:
             self._smooth = kept, SmoothRest(kept)
-        return self._smooth[1].at(found.facets, found.place, turns)
+        smooth, at = self._smooth[1], (found.facets, found.place)
+        return smooth.at(*at), functools.partial(smooth.slopes, *at)
 
     def _closing_of(self, found: SlipAtPoints, rows: PointRows) -> tuple[Array, Array]:
         """``until_closed`` and ``share`` of the points of the last evaluation. Collective."""
@@ -593,11 +651,11 @@ class Slip:
         if self.state.begun is None:  # before any step: those of contact detection
             self.operator = self.works = self.gap.jump_operator()
             self._normal, self._held = None, None
-            self.arc = np.ones(self.operator.num_rows)
+            self.arc, self._turn = np.ones(self.operator.num_rows), None
         else:
             found = self.gap.slip_at_points(self.state.begun)
             self.operator, self.works, self._normal = found.operator, found.works, found.normal
-            self.arc = found.arc
+            self.arc, self._turn = found.arc, found.turn
         self.hold(self._held)
         self.cover = np.ones(len(self.arc))
 
@@ -638,21 +696,13 @@ class Slip:
         values = np.einsum("pij,pj->pi", turns, own.at_rows(known.at(own)))
         return OfVertices(on_nodes, own.vertex, own.from_rows(values))
 
-    def _turns(self) -> Array:
-        """Rotation of the slave at the points since the step began. Collective.
-
-        It is interpolated from the rotations of the nodes, as multipliers are, and includes the
-        rotation about normals.
-
-        Returns:
-            Matrices of shape (rows, gdim, gdim).
-        """
-        state = self.state
-        assert self._frames is not None and state.begun is not None and state.frames is not None
-        if self._began is None or self._began[0] is not state.begun:
-            self._began = state.begun, self._frames.at(state.begun[0])
-        turns = np.einsum("nij,nkj->nik", state.frames, self._began[1])
-        return self._at_points(turns)
+    def _frames_then(self) -> Array:
+        """Frames of the nodes at the start of the step, (nodes, gdim, gdim). Collective."""
+        begun = self.state.begun
+        assert self._frames is not None and begun is not None
+        if self._began is None or self._began[0] is not begun:
+            self._began = begun, self._frames.at(begun[0])
+        return self._began[1]
 
     def _at_points(self, turns: Array) -> Array:
         """Matrices of nodes interpolated to the points, (rows, gdim, gdim). Collective."""

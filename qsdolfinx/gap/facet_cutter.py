@@ -225,6 +225,7 @@ class FacetCutter:
         state: PointState,
         fields: list[PETSc.Vec | None],
         missing: list[PETSc.Vec],
+        begun: list[PETSc.Vec],
         markers: Vecs,
         to: Destination,
     ) -> None:
@@ -239,6 +240,11 @@ class FacetCutter:
             none if of is None else _in_space(of) for of in (state.traction, state.turning)
         )
         leaning = none if state.leaning is None else np.ascontiguousarray(state.leaning)
+        kept, slopes = typing.cast(Array, none), typing.cast(Array, none)
+        if state.kept is not None and state.slip is not None:
+            kept = _in_space(np.einsum("pij,pj->pi", state.slip.turn, state.kept.before))
+            if state.kept.slopes is not None and not own:
+                slopes = _in_space(state.kept.slopes)
         _cpp.add_point_forces(
             to.sums,
             found.of_cutter,
@@ -251,9 +257,12 @@ class FacetCutter:
                 np.ascontiguousarray(rest),
                 turning,
                 leaning,
+                kept,
+                slopes,
             ],
             fields=[handle_of(vec) for vec in fields],
             missing=[handle_of(vec) for vec in missing],
+            begun=[vec.handle for vec in begun],
             moves=state.moves,
             gaps_move=state.gaps_move,
             function_rows=state.function_rows,
@@ -303,7 +312,9 @@ class FacetCutter:
         )
         arc = np.concatenate([np.asarray(slips.arc), np.ones(count)])
         gap = np.concatenate([np.asarray(slips.gap), np.full(count, -alone.far)])
-        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, slips)
+        turn = np.asarray(slips.turns(pieces))[:, :gdim, :gdim]
+        turn = np.concatenate([turn, np.broadcast_to(np.eye(gdim), (count, gdim, gdim))])
+        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, turn, slips)
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""
@@ -355,9 +366,9 @@ def _but_for_held(mat: PETSc.Mat, rows: PETSc.Vec | None, columns: PETSc.Vec | N
 
 
 def _in_space(vectors: Array) -> Array:
-    """Vectors with a third component."""
-    out = np.zeros((len(vectors), 3))
-    out[:, : vectors.shape[1]] = vectors
+    """Vectors with a third component, in the last axis."""
+    out = np.zeros((*vectors.shape[:-1], 3))
+    out[..., : vectors.shape[-1]] = vectors
     return out
 
 

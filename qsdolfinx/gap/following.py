@@ -88,6 +88,8 @@ class SlipAtPoints(typing.NamedTuple):
         arc: Arc length along the surfaces over the slip, which is the chord, (rows,).
         gap: Gap of the same material points at the start (length), positive in penetration,
             (rows,).
+        turn: Rotations since the start of vectors that turn with the facets whose plane the slip is
+            in, or with the tangent plane of a tool, (rows, gdim, gdim).
         of_cutter: Further data of the cutter.
     """
 
@@ -99,6 +101,7 @@ class SlipAtPoints(typing.NamedTuple):
     place: Array
     arc: Array
     gap: Array
+    turn: Array
     of_cutter: typing.Any = None
 
 
@@ -122,6 +125,22 @@ class Changes(typing.NamedTuple):
 Mixed = list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
 
 
+class Kept(typing.NamedTuple):
+    """Part of the trials of tractions that is known at the start of a step, and turns from there.
+
+    Attributes:
+        before: This part at the start (stress), (rows, gdim).
+        slopes: Its derivatives by the functions of the slave's vertices at the points, (rows,
+            vertices, gdim), without the next one; None if it is constant.
+        field: A function in this part, at the smooth patches of nodes, (nodes, block, gdim); None
+            if there is none.
+    """
+
+    before: Array
+    slopes: Array | None
+    field: Array | None
+
+
 class PointState(typing.NamedTuple):
     """State of constraints at points of segments, see ``PointState`` in cpp/tangent/point_forces.h.
 
@@ -137,6 +156,7 @@ class PointState(typing.NamedTuple):
         turning: Vectors of which r are components, and which stay in the plane of the facet from
             which the rays start, (rows, gdim); None if there are none.
         leaning: l_p (length) in the derivative −l_p δn of slips, (rows,); None without.
+        kept: Part of the trials of tractions that turns; None without.
         fields: λ and the components of τ at the smooth patches of nodes, (nodes, block); None for
             components without multipliers.
         slip: Slip at the points; None without friction.
@@ -154,6 +174,7 @@ class PointState(typing.NamedTuple):
     rest: Array
     turning: Array | None
     leaning: Array | None
+    kept: Kept | None
     fields: list[Array | None]
     slip: SlipAtPoints | None
     moves: bool
@@ -243,6 +264,7 @@ class OfSegments(Cutter, typing.Protocol):
         state: PointState,
         fields: list[PETSc.Vec | None],
         missing: list[PETSc.Vec],
+        begun: list[PETSc.Vec],
         markers: Vecs,
         to: Destination,
     ) -> None:
@@ -253,6 +275,7 @@ class OfSegments(Cutter, typing.Protocol):
             state: State of the points.
             fields: ``state.fields`` as vectors of the slave's body.
             missing: ``state.rest`` of points without a partner, in the same way.
+            begun: The same for the components of ``state.kept.field``; empty for None.
             markers: Vectors of both bodies, nonzero at unknowns with Dirichlet conditions.
             to: Destination of the derivatives.
         """
@@ -299,15 +322,24 @@ class OfSamples(Cutter, typing.Protocol):
         """
 
     def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
+        self,
+        found: Found,
+        slip: SlipAtPoints,
+        alone: Alone,
+        leaning: Array,
+        kept: Array,
+        markers: Vecs,
     ) -> Changes:
-        """Derivative of the slip, with rows for each component, and −l_p δn. Collective.
+        """Derivative of the slip, of −l_p δn, and of vectors that turn. Collective.
+
+        It has a row for each component.
 
         Args:
             found: Contact pairs at these positions.
             slip: The slip at these positions.
             alone: Points without a partner.
             leaning: l_p (length), (rows,).
+            kept: Vectors (length) at the start, which turn by ``slip.turn``, (rows, gdim).
             markers: As for :meth:`add_curvature_of_points`.
         """
 
@@ -512,10 +544,10 @@ class Following:
         assert self._slip is not None
         return self._slip[2]
 
-    def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array) -> Changes:
+    def moving_slip(self, last: Cut, slip: SlipAtPoints, leaning: Array, kept: Array) -> Changes:
         """Derivative of that slip with moving points, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        out = self._samples.moving_slip(last.found, slip, last.alone, leaning, self._marked)
+        out = self._samples.moving_slip(last.found, slip, last.alone, leaning, kept, self._marked)
         self._constrain(out.operator)
         return out
 
@@ -587,9 +619,11 @@ class Following:
         """Add the derivative of forces and of R_λ and R_τ at the points. Collective."""
         assert self._marked is not None
         vecs = [None if field is None else self._vec_of_sides(field) for field in state.fields]
+        known = None if state.kept is None else state.kept.field
         missing = self._missing(last, state.rest)
-        self._segments.add_point_forces(last.found, state, vecs, missing, self._marked, to)
-        for vec in (*vecs, *missing):
+        begun = [] if known is None else [self._vec_of_sides(c) for c in np.moveaxis(known, 2, 0)]
+        self._segments.add_point_forces(last.found, state, vecs, missing, begun, self._marked, to)
+        for vec in (*vecs, *missing, *begun):
             if vec is not None:
                 vec.destroy()
 

@@ -82,6 +82,55 @@ class Points(typing.NamedTuple):
     places: Array
 
 
+class Turn(typing.NamedTuple):
+    """Motion of the tool's tangent planes at points since the start of a step.
+
+    Vectors turn with the tool, and then by the smallest angle into the present plane.
+
+    Attributes:
+        along: Component along the normal (length) of the vector at the start from a point to the
+            material point of the tool that it faces now, (points,).
+        before: Normals of the tool at the start, turned with the tool, (points, gdim).
+        now: Present normals, (points, gdim).
+        tool: Rotation of the tool, (gdim, gdim).
+    """
+
+    along: Array
+    before: Array
+    now: Array
+    tool: Array
+
+    @property
+    def _sum(self) -> tuple[Array, Array]:
+        """A + b and 1 + a·b of both normals a and b; at least 1e-9, for a half turn."""
+        both = 1 + np.sum(self.before * self.now, axis=1)
+        return self.before + self.now, np.maximum(both, 1e-9)
+
+    @property
+    def matrices(self) -> Array:
+        """Rotations R of vectors, R a = b, (points, gdim, gdim)."""
+        total, both = self._sum
+        turn = 2 * self.now[:, :, None] * self.before[:, None, :]
+        turn -= total[:, :, None] * total[:, None, :] / both[:, None, None]
+        turn += np.eye(self.now.shape[1])
+        return np.asarray(turn @ self.tool)
+
+    def by_normal(self, vectors: Array) -> Array:
+        """Derivative by b of rotated vectors, up to parts along b, (points, gdim, gdim).
+
+        Args:
+            vectors: Vectors at the start, of which parts along normals are left out, (points,
+                gdim).
+        """
+        total, both = self._sum
+        w = vectors @ self.tool.T
+        w = w - np.sum(self.before * w, axis=1, keepdims=True) * self.before
+        part = np.sum(self.now * w, axis=1) / both  # R w = w − part (a + b)
+        change = (w - part[:, None] * self.before) / both[:, None]
+        out = -total[:, :, None] * change[:, None, :]
+        return np.asarray(out - part[:, None, None] * np.eye(w.shape[1]))
+
+
 class ShapePoints:
     """Quadrature points fixed on the slave's facets, with exact distances from a tool.
 
@@ -312,17 +361,24 @@ class ShapePoints:
         distance, n_before = self._tool.distance(in_space, then)
         arc = np.concatenate([arc_of_turn(n_before[:, :gdim], n @ turn), np.ones(len(none))])
         gap = np.concatenate([-distance, np.full(len(none), -alone.far)])
+        tool = Turn(along, n_before[:, :gdim] @ turn.T, n, turn)
+        turns = np.concatenate([tool.matrices, np.tile(np.eye(gdim), (len(none), 1, 1))])
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
         place = np.asarray(points.multiplier_values)
-        along = np.concatenate([along, none[:, 0]])
-        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap, along)
+        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap, turns, tool)
 
     def moving_slip(
-        self, found: Found, slip: SlipAtPoints, alone: Alone, leaning: Array, markers: Vecs
+        self,
+        found: Found,
+        slip: SlipAtPoints,
+        alone: Alone,
+        leaning: Array,
+        kept: Array,
+        markers: Vecs,
     ) -> Changes:
         """See :class:`Cutter`; the tool's closest points and planes move with the points."""
-        return Changes(slip.operator, self._by_nodes(found, slip, leaning, markers))
+        return Changes(slip.operator, self._by_nodes(found, slip, leaning, kept, markers))
 
     def add_slip_curvature_of_points(
         self,
@@ -379,19 +435,24 @@ class ShapePoints:
         found: Found,
         slip: SlipAtPoints,
         leaning: Array,
+        kept: Array,
         markers: Vecs,
     ) -> tuple[int, PETSc.Mat]:
         """Derivative of slips due to turning tangent planes of the tool, a row per component."""
         at, gdim, comm = found.of_cutter, self._slave.gdim, self._slave.comm
         num_rows = slip.operator.num_rows * gdim
         rows = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
-        kept, some = at.weight > 0, np.arange(len(at.weight))
-        factor = self._at_points(at, leaning - slip.of_cutter) - at.distance
-        value = np.einsum("fp,pj,fprc->fprjc", factor, self._T, self._bent(at, some))[kept]
-        number = rows.owner_range[0] + np.arange(np.count_nonzero(kept) * gdim)
+        faces, some = at.weight > 0, np.arange(len(at.weight))
+        tool: Turn = slip.of_cutter
+        count = len(tool.along)
+        factor = leaning[:count] - tool.along - at.distance[faces]
+        by_normal = factor[:, None, None] * np.eye(gdim) + tool.by_normal(kept[:count])
+        bent = np.einsum("fprs,fpsc->fprc", self._at_points(at, by_normal), self._bent(at, some))
+        value = np.einsum("pj,fprc->fprjc", self._T, bent)[faces]
+        number = rows.owner_range[0] + np.arange(np.count_nonzero(faces) * gdim)
         row = np.broadcast_to(number.reshape(-1, gdim)[..., None, None], value.shape)
         dofs = self._free(markers, some)
-        columns = np.broadcast_to(dofs[:, None, None], (*kept.shape, 1, *dofs.shape[1:]))[kept]
+        columns = np.broadcast_to(dofs[:, None, None], (*faces.shape, 1, *dofs.shape[1:]))[faces]
         columns = np.broadcast_to(columns, value.shape)
         free = columns >= 0
         assert markers[0] is not None

@@ -388,6 +388,18 @@ class WeightedGap:
         handles = handle_of(u[0]), handle_of(u[1])
         state.values = self._own.apply(*handles, state.scale) + state.offset
 
+    def add_turning(self, multiplier: Array, to: Destination) -> None:
+        """Add the derivative of forces of constant λ due to co-rotated gaps. Collective.
+
+        Args:
+            multiplier: λ, (rows, gdim).
+            to: Destination of the derivatives.
+        """
+        turned = self.state.turned
+        assert self.turning is not None and turned is not None and self._marked is not None
+        forces = self.weight[:, None] * multiplier
+        self.turning.add_curvature(turned, forces, self._own, self._marked, to)
+
     def _places_with(self, u: Vecs) -> TiePlaces:
         """Positions of tied surfaces for these unknowns. Collective."""
         assert self.tie is not None
@@ -584,11 +596,17 @@ class WeightedGap:
             turning = self._share * turning[0], turning[1]
         return self.following.mixed(self.cut, self._share * rest, turning)
 
-    def moving_slip(self, start: Places, leaning: Array) -> Changes:
-        """Derivative of the slip since then, with moving points, and −l_p δn. Collective."""
+    def moving_slip(self, start: Places, leaning: Array, kept: Array) -> Changes:
+        """Derivative of the slip since then, with moving points and planes. Collective.
+
+        Args:
+            start: Positions at the start.
+            leaning: l_p (length) of the term −l_p δn, (rows,).
+            kept: Vectors (length) at the start that turn since then, (rows, gdim).
+        """
         assert self.following is not None and self.cut is not None
         slip = self.following.slip_at_points(self.cut, start)
-        return self.following.moving_slip(self.cut, slip, leaning)
+        return self.following.moving_slip(self.cut, slip, leaning, kept)
 
     def fits_pattern(self) -> bool:
         """Whether the sparsity pattern of the tangent blocks fits the last evaluation."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.following import Changes, Destination, Mixed
+from qsdolfinx.gap.turning import Turning
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated
 from qsdolfinx.system.driven import DrivenTools
@@ -35,9 +36,10 @@ Indices = npt.NDArray[np.int64]
 #: rigid motion.
 REGULAR = 1e-11
 
-#: Terms of constraints whose forces follow from gaps: their derivatives, which keep the pattern of
-#: the matrix as long as they exist, and a function that adds them.
-Product = tuple[GapMatrices, typing.Callable[[_cpp.RowSums], None]]
+#: Terms that are added entry by entry: derivatives of constraints whose forces follow from gaps, or
+#: co-rotated gaps of ties, which keep the pattern of the matrix as long as they exist; and a
+#: function that adds them.
+Product = tuple[GapMatrices | Turning, typing.Callable[[_cpp.RowSums], None]]
 
 
 def _each(of: Entries, factor: Array, own: Indices) -> list[Entries]:
@@ -128,6 +130,8 @@ class Derivative:
             else:
                 assert rows.nodal is not None
                 found += self._of_nodes(p, rows.nodal, e, exact, own)
+            if p.gap.turning is not None and not p.gap.is_linear:
+                products.append((p.gap.turning, functools.partial(self._add_turning, p, e)))
             if rows.nodal_friction is not None and e.tangential is not None:
                 by = rows.nodal_friction.derivative(e.tangential, exact)
                 found += self._of_slip(p, e, by, own, first + len(own))
@@ -144,6 +148,10 @@ class Derivative:
         matrices.add_to(sums, at.normal, of_friction)
         if p.gap.following is not None:
             self._add_curvature(p, at, self._to(p, sums))
+
+    def _add_turning(self, p: Pass, at: Evaluated, sums: _cpp.RowSums) -> None:
+        """Add the change of the forces of a tie across a gap with the facets. Collective."""
+        p.gap.add_turning(at.pressure, self._to(p, sums))
 
     def _softened(
         self, rows: ConstraintRows, first: int, at: Evaluated, exact: bool
@@ -545,7 +553,7 @@ class _Added:
     def __init__(self, comm: MPI.Comm, layout: Layout) -> None:
         self._comm, self._size = comm, layout.num_local
         self._matrix: PETSc.Mat | None = None
-        self._places, self._made = b"", typing.cast(list[GapMatrices], [])
+        self._places, self._made = b"", typing.cast(list[GapMatrices | Turning], [])
 
     def assemble(
         self, found: typing.Sequence[Entries], products: typing.Sequence[Product]

@@ -13,7 +13,7 @@ from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
-from qsdolfinx.gap.following import Changes, Mixed
+from qsdolfinx.gap.following import Changes, Kept, Mixed
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.system.friction_rows import Tangential
@@ -338,6 +338,10 @@ class PointFriction:
     def leaning(self, at: Tangential) -> Array | None:
         """Components of vectors in slips along normals, (points,), see ``Slip.leaning``."""
         return self.slip.leaning(self.elastic, self.seen(at.multiplier), self.gamma)
+
+    def kept(self) -> Kept | None:
+        """Part of the trials that turns with the facets; None if there is none. Collective."""
+        return self.slip.kept(self.elastic) if self.has_unknowns else None
 
     def moving_slip(self, at: Tangential) -> Changes:
         """Changes of the slip in the trial, and of τ_h in the planes of facets. Collective."""

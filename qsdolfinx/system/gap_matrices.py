@@ -287,7 +287,7 @@ class GapMatrices:
         D = D if D.ndim == 3 else D[:, :, None] * np.eye(num)
         fields: list[Array | None] = [None]
         rest, gamma = np.zeros((len(D), num)), np.full(num, rows.gamma)
-        leaning, slip, traction, turning = None, None, None, None
+        leaning, kept, slip, traction, turning = None, None, None, None, None
         if rows.has_multipliers:
             fields, rest[:, 0] = [rows.on_sides(at.multiplier)], rows.rest(at)
         if friction is not None and tangential is not None:
@@ -296,6 +296,7 @@ class GapMatrices:
             if friction.has_unknowns:
                 rest[:, 1:] = friction.rest(tangential)
             leaning, traction = friction.leaning(tangential), tangential.traction
+            kept = friction.kept()
             turning = friction.turning(tangential)
         in_work, part = (np.full(num, factor) for factor in (1.0, self._of_slips))
         in_work[0] = part[0] = self._part
@@ -309,6 +310,7 @@ class GapMatrices:
             rest,
             turning,
             leaning,
+            kept,
             fields,
             slip,
             rows.moves,

@@ -97,16 +97,29 @@ def test_where_nothing_moves(sliding, creep, cell, enforcement):
 
 
 @pytest.mark.parametrize("gdim", (2, 3))
-def test_smooth_data_of_points_turns(gdim):
-    """A vector that is the same at all old points is the same at new ones, rotated as given."""
+def test_smooth_data_of_points(gdim):
+    """A vector that is the same at all old points is the same at new ones between their facets."""
     rng = np.random.default_rng(2)
     keys, place = np.repeat([[3, 5], [4, 5]], 40, axis=0), rng.random((80, gdim))
     place /= place.sum(axis=1, keepdims=True)
     vector = np.arange(1.0, gdim + 1)
     old = OfPoints(keys, place, np.tile(vector, (80, 1)), np.tile(np.eye(gdim)[0], (80, 1)))
-    turn = np.eye(gdim)
-    turn[:2, :2] = [[0.6, -0.8], [0.8, 0.6]]
     new = np.array([[4, 5], [4, 6], [3, 5]])  # no old points between 4 and 6
-    values = SmoothRest(old).at(new, place[:3], np.tile(turn, (3, 1, 1)))
-    expected = np.array([1.0, 0.0, 1.0])[:, None] * (turn @ vector)
+    values = SmoothRest(old).at(new, place[:3])
+    expected = np.array([1.0, 0.0, 1.0])[:, None] * vector
     np.testing.assert_allclose(values, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("gdim", (2, 3))
+def test_slopes_of_smooth_data(gdim):
+    """The derivative of a smooth function by the position agrees with differences."""
+    rng = np.random.default_rng(2)
+    keys, place = np.repeat([[3, 5], [4, 5]], 40, axis=0), rng.random((80, gdim))
+    place /= place.sum(axis=1, keepdims=True)
+    old = OfPoints(keys, place, rng.random((80, gdim)), np.tile(np.eye(gdim)[0], (80, 1)))
+    smooth, new = SmoothRest(old), np.array([[4, 5], [4, 6], [3, 5]])
+    at, way, step = place[[40, 41, 0]], rng.random((3, gdim)) - 0.5, 1e-3
+    values = {k: smooth.at(new, at + k * step * way) for k in (-2, -1, 1, 2)}
+    difference = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * step)
+    slopes = np.einsum("pk,pki->pi", way, smooth.slopes(new, at))
+    np.testing.assert_allclose(slopes, difference, rtol=1e-8, atol=1e-10)

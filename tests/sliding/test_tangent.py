@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from following import Body, problem_of
+from following import Body, problem_of, rotation
 from friction.test_friction import quadratic_space
-from scenes import WORLD, Pair, box, plane, vector_space
+from scenes import WORLD, Pair, box, drag_top, largest, plane, vector_space
 from system.test_equations import away, equations_of, errors
 
 import qsdolfinx as qs
@@ -159,6 +159,15 @@ def test_rings(cell):
     assert errors(equations, *closed_in_part(equations, 0.5)) < 1e-8
 
 
+def uneven_facets(gdim):
+    """Corners and facets of a rigid surface over a block, with an edge."""
+    corners = [[-0.3, 1.0], [0.45, 0.98], [1.4, 1.01]]
+    if gdim == 2:
+        return corners, [[0, 1], [1, 2]]
+    corners = [[x, y, z] for y in (-0.3, 1.4) for x, z in corners]
+    return corners, [[0, 4, 1], [0, 3, 4], [1, 5, 2], [1, 4, 5]]
+
+
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("driven", (False, True))
 @pytest.mark.parametrize("cell", ("quadrilateral", "tetrahedron"))
@@ -170,15 +179,90 @@ def test_tool_of_facets(cell, driven, friction):
     gdim = 2 if cell == "quadrilateral" else 3
     body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
     body.clamp(plane(body.mesh, gdim - 1, 0.0))
-    corners = [[-0.3, 1.0], [0.45, 0.98], [1.4, 1.01]]
-    facets = [[0, 1], [1, 2]]
-    if gdim == 3:
-        corners = [[x, y, z] for y in (-0.3, 1.4) for x, z in corners]
-        facets = [[0, 4, 1], [0, 3, 4], [1, 5, 2], [1, 4, 5]]
-    tool = qs.RigidSurface.triangulated(WORLD, corners, facets)
+    tool = qs.RigidSurface.triangulated(WORLD, *uneven_facets(gdim))
     top = body.side(gdim - 1, 1.0)
     if driven:
         tool.drive(0.1, [0.4] + [0.0] * (gdim - 2) + [-1.0])
     equations = equations_between([body], top, tool, friction=friction)
     assert len(equations.tools) == int(driven)
     assert errors(equations, *closed_in_part(equations, 1.0)) < 1e-8
+
+
+#: Rotations of bodies within a step: in the plane, or about an axis that is not in the surface.
+TURN, AXIS = np.radians(15.0), {2: None, 3: (0.2, 1.0, 0.4)}
+
+
+def turned_from_a_step(problem, bodies, center):
+    """Unknowns near bodies that turn with friction left from the last step, and the equations.
+
+    Args:
+        problem: The problem, after a step with friction.
+        bodies: Displacements of the bodies.
+        center: A point that stays where it is.
+    """
+    equations, gdim = Equations(problem.system), len(center)
+    z, (_, scale) = equations.first(), away(equations, size=0.01)
+    rng, R = np.random.default_rng((5, WORLD.rank)), rotation(TURN, AXIS[gdim])
+    for i, u in enumerate(bodies):
+        part, x = equations.part(z, i), u.function_space.tabulate_dof_coordinates()[:, :gdim]
+        now = x + u.x.array.reshape(-1, gdim) - center
+        part += (now @ (R - np.eye(gdim)).T).ravel()[: len(part)]
+        part += 0.005 * rng.uniform(-1, 1, len(part))
+        part[:] = equations.system.bodies[i].with_conditions(part)
+    return equations, z, scale
+
+
+def keeps_friction(equations, z):
+    """Assert that tractions have a part that multipliers of nodes do not contain. Collective."""
+    at = equations.evaluate(z).passes
+    rest, tractions = (
+        largest(*values)
+        for values in (
+            [p.slip.state.rest for p in equations.passes],
+            [e.tangential.traction for e in at],
+        )
+    )
+    assert rest > 0.01 * tractions > 0
+
+
+@pytest.mark.parametrize("options", ({}, {"friction_penalty": 30.0}))
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize("kind", KINDS)
+def test_friction_that_turns(kind, formulation, options):
+    """The derivative is right where friction of the last step turns with bodies that turn."""
+    options = {"sliding": "finite", "friction": qs.Coulomb(0.3)} | options
+    cell = kind.partition(",")[0]
+    pair = Pair(cell, formulation, space=KINDS[kind], contact_options=options, wave=0.02)
+    drag_top(pair, 0.02, -0.05)
+    problem = pair.problem(solver="direct")
+    qs.TimeStepper(problem, 1.0).step()
+    equations, z, scale = turned_from_a_step(problem, pair.u, np.zeros(pair.gdim))
+    keeps_friction(equations, z)
+    assert errors(equations, z, scale) < 1e-8
+
+
+@pytest.mark.parametrize("options", ({}, {"friction_penalty": 30.0}))
+@pytest.mark.parametrize("shape", ("sphere", "facets"))
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
+def test_friction_that_turns_with_a_tool(cell, shape, options):
+    """The same holds for tools that turn, round or made of facets."""
+    gdim = 2 if cell == "triangle" else 3
+    body = Body(box(WORLD, [3] * gdim, cell, [0.0] * gdim, [1.0] * gdim, "scattered"))
+    body.clamp(plane(body.mesh, gdim - 1, 0.0))
+    if shape == "sphere":
+        tool = qs.RigidSurface.sphere(WORLD, [0.4] * (gdim - 1) + [1.99], 1.0)
+    else:
+        tool = qs.RigidSurface.triangulated(WORLD, *uneven_facets(gdim))
+    options = {"sliding": "finite", "friction": qs.Coulomb(0.3)} | options
+    contact = qs.Contact(body.side(gdim - 1, 1.0), tool, **options)
+    problem = problem_of([body], [contact], solver="direct")
+
+    def drive(t, dt):
+        tool.displacement = [0.02, *[0.0] * (gdim - 2), -0.05]
+
+    qs.TimeStepper(problem, 1.0, drive).step()
+    axis = AXIS[gdim]
+    tool.rotation = TURN if axis is None else TURN * np.array(axis) / np.linalg.norm(axis)
+    equations, z, scale = turned_from_a_step(problem, [body.u], tool.center[:gdim])
+    keeps_friction(equations, z)
+    assert errors(equations, z, scale) < 1e-8

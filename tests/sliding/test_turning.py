@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 from following import Body, Nested, on_radius, problem_of, ring, rotation
 from rigid_scenes import grid_cells
-from scenes import FORMULATIONS, WORLD, box, elevated, largest, plane
+from scenes import FORMULATIONS, WORLD, Pair, box, elevated, largest, plane
+from tangents import full_steps
 
+import ufl
 from dolfinx import fem
 
 import qsdolfinx as qs
+from qsdolfinx import materials
+from qsdolfinx.system.equations import Equations
 
 ANGLES = (30.0, 90.0)
 AXIS = {2: None, 3: (0.5, -0.3, 0.7)}
@@ -195,3 +199,56 @@ def test_depth_of_curved_facets_that_slide(displacements):
         depths.append(contact.penetration())
     assert 1e-4 < depths[0] < 0.02
     assert depths[1:] == pytest.approx(2 * [depths[0]], rel=0.2)
+
+
+class Dragged:
+    """Hyperelastic blocks, pressed and dragged in a first step, and turned together in a second."""
+
+    def __init__(self, cell, angle, **options):
+        options = {"sliding": "finite", "friction": qs.Coulomb(1.0)} | options
+        self.pair = pair = Pair(cell, contact_options=options, wave=0.02)
+        self.gdim, self.held = pair.gdim, []
+        self.R = rotation(angle, None if pair.gdim == 2 else (0.2, 1.0, 0.4))
+        for i, (V, u) in enumerate(zip(pair.V, pair.u, strict=True)):
+            stress = materials.neo_hookean(u, 1.0 + i, 1.0 + i)
+            pair.F[i] = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx
+            far = plane(pair.meshes[i], pair.gdim - 1, 2.0 * i - 1.0)
+            held = fem.Function(V)
+            dofs = fem.locate_dofs_topological(V, pair.gdim - 1, far)
+            pair.bcs[i][:] = [fem.dirichletbc(held, dofs)]
+            self.held.append(held)
+        self.problem = pair.problem(solver="direct")
+        self.stepper = qs.TimeStepper(self.problem, 1.0, lambda t, dt: self.drive(t))
+
+    def drive(self, t):
+        """Set the positions of the held sides at the end of step t."""
+        shift = np.zeros((self.gdim, 1))
+        shift[[0, -1], 0] = 0.06, -0.05
+        R = self.R if t > 1.5 else np.eye(self.gdim)
+        for i, held in enumerate(self.held):
+            held.interpolate(lambda x, i=i: R @ (x[: self.gdim] + i * shift) - x[: self.gdim])
+
+
+@pytest.mark.parametrize("options", ({}, {"friction_penalty": 30.0}))
+@pytest.mark.parametrize("cell", ("quadrilateral", "hexahedron"))
+def test_quadratic_end(cell, options):
+    """Newton's method ends quadratically where bodies turn with friction left from the last step.
+
+    Forces turn with the bodies.
+    """
+    scene = Dragged(cell, np.radians(15.0), **options)
+    scene.stepper.step()
+    force = scene.pair.contact.force("slave")
+    scene.drive(2.0)
+    scene.problem.solve()
+    turned = scene.pair.contact.force("slave")
+    assert abs(force[0]) > 0.1 * abs(force[-1])
+    assert largest(turned - scene.R @ force) < 1e-4 * largest(force)
+    equations = Equations(scene.problem.system)
+    z, rng = equations.first(), np.random.default_rng((3, WORLD.rank))
+    for i, body in enumerate(equations.system.bodies):
+        part = equations.part(z, i)
+        part += 1e-3 * rng.uniform(-1, 1, len(part))
+        part[:] = body.with_conditions(part)
+    norms = full_steps(equations, z, 3)
+    assert norms[3] * norms[0] < norms[2] ** 2 + 1e-13 * norms[0] ** 2
