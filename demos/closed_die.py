@@ -61,7 +61,7 @@ class Parameters:
     penalty: float = option(4e4, "penalty of contact with the dies, MPa/mm")
     friction: str = option("norton", choices=("norton", "coulomb-tresca", "none"))
     solver: str = option("auto", "linear solver")
-    min_quality: float = option(0.04, "quality of the worst cell below which a step fails")
+    min_quality: float = option(0.04, "part of its quality that a cell has to keep")
     remesh_quality: float = option(0.08, "quality of the worst cell below which to remesh")
     thinning: float = option(0.04, "largest decrease of the flash thickness per step, relative")
     every: int = option(3, "largest number of steps between remeshings")

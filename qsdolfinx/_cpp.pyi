@@ -159,6 +159,10 @@ class PairingPoints:
         """Functions of the multipliers, [point][slave vertex]."""
 
     @property
+    def faced(self) -> numpy.typing.NDArray[numpy.int64]:
+        """First numbers of the vertices of the facet of a rigid tool, -1 for none, [point][vertex]."""
+
+    @property
     def normal(self) -> numpy.typing.NDArray[numpy.float64]:
         """Unit normals outward of the slave, [point][3]."""
 
@@ -545,7 +549,7 @@ def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
 facing_cosine: float = -0.1
 
 def forget_master(points: PairingPoints) -> None:
-    """Remove the unknowns of the master."""
+    """Remove the unknowns of the master; `faced` identifies its facets from then on."""
 
 def free_unknowns(pieces: Pieces, side: int, markers: int) -> numpy.typing.NDArray[numpy.int64]:
     """Unknowns of the slave (0) or master (1), negative where a Dirichlet condition holds, [piece][node][gdim]. Collective."""

@@ -86,6 +86,11 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           },
           "Functions of the multipliers, [point][slave vertex].")
       .def_prop_ro(
+          "faced", [](const PairingPoints& p)
+          { return copy(p.faced, {p.size(), static_cast<std::size_t>(p.num_faced)}); },
+          "First numbers of the vertices of the facet of a rigid tool, -1 for none, "
+          "[point][vertex].")
+      .def_prop_ro(
           "normal", [](const PairingPoints& p) { return copy(p.normal, {p.size(), 3}); },
           "Unit normals outward of the slave, [point][3].")
       .def_prop_ro(
@@ -378,5 +383,6 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "Set normals and gaps, and remove points; see pairing/rigid.h.");
   m.def("share_out_hardly_covered", &share_out_hardly_covered, "points"_a, "slave"_a, "least"_a,
         "Condense the multipliers of hardly covered nodes onto their neighbours; collective.");
-  m.def("forget_master", &forget_master, "points"_a, "Remove the unknowns of the master.");
+  m.def("forget_master", &forget_master, "points"_a,
+        "Remove the unknowns of the master; `faced` identifies its facets from then on.");
 }

@@ -45,7 +45,8 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
   const auto d = static_cast<std::size_t>(pieces.gdim), n = static_cast<std::size_t>(side.type),
              nodes = static_cast<std::size_t>(side.num_nodes);
   const std::vector<double> values = values_at(normals, side.dofs);
-  pieces.rise.assign(pieces.size() * n * n, 0.0);
+  const bool interpolates = side.degree == 1 && side.type != FacetType::interval;
+  pieces.rise.assign(interpolates ? 0 : pieces.size() * n * n, 0.0);
   pieces.rise_normal.assign(pieces.size() * n * 3, 0.0);
   for (std::size_t p = 0; p < pieces.size(); ++p)
   {
@@ -61,7 +62,7 @@ void qsdolfinx::raise_facets(Pieces& pieces, Vec normals)
       std::copy_n(m.begin(), 3,
                   pieces.rise_normal.begin() + static_cast<std::ptrdiff_t>(3 * (p * n + i)));
       for (std::size_t j = 0; j < n; ++j)
-        if (j != i && (n < 4 || i + j != 3)) // along edges
+        if (!interpolates && j != i && (n < 4 || i + j != 3)) // along edges
         {
           const Vec3 edge = along_edge(side.type, side.degree, side.x_of(p), static_cast<int>(i),
                                        static_cast<int>(j));
@@ -89,7 +90,7 @@ std::array<ByNormals, 2> qsdolfinx::forces_by_normals(const Pieces& pieces,
   std::array<ByNormals, 2> out;
   std::vector<double> by_nodes, by_normals;
   std::size_t first = 0;
-  for (std::size_t i = 0; i < pieces.size() && !pieces.rise.empty(); ++i)
+  for (std::size_t i = 0; i < pieces.size() && !pieces.rise_normal.empty(); ++i)
   {
     const RayPair pair = pair_of(pieces, i);
     const auto points = pieces.points_of(i);

@@ -244,6 +244,8 @@ PairingPoints PairingPoints::with_alone(std::span<const std::int64_t> unknown,
     std::fill(side->dofs.begin() + places * block, side->dofs.end(), -1);
     std::fill(side->owner.begin() + places, side->owner.end(), -1);
   }
+  std::fill(out.faced.begin() + static_cast<std::ptrdiff_t>(first) * num_faced, out.faced.end(),
+            -1);
   for (std::size_t i = 0; i < n; ++i)
   {
     const std::size_t p = first + i;

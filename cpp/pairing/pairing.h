@@ -43,6 +43,9 @@ struct PairingPoints
   std::vector<std::uint8_t> multiplier_side; ///< smooth side of the slave at the vertex,
                                              ///< [point][slave vertex]; 0 for nodal points that are
                                              ///< not in a corner
+  int num_faced = 0;                         ///< vertices of a facet of a rigid tool; 0 without one
+  std::vector<std::int64_t> faced;           ///< first numbers of the vertices of the tool's facet,
+                                             ///< −1 for none, [point][vertex]
   std::vector<double> normal;                ///< outward of the slave, into the master, [point][3]
   std::vector<double> gap;    ///< signed distance (x_master - x_slave)·n, positive when open
   std::vector<double> weight; ///< area
@@ -79,6 +82,7 @@ struct PairingPoints
     }
     visit(multiplier_values, num_multipliers);
     visit(multiplier_side, num_multipliers);
+    visit(faced, num_faced);
     visit(normal, 3);
     visit(gap, 1);
     visit(weight, 1);

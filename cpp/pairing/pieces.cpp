@@ -17,10 +17,9 @@ RayPair qsdolfinx::pair_of(const Pieces& pieces, std::size_t piece)
   const auto side = static_cast<std::size_t>(is_slave ? master.type : slave.type), n = side * side;
   std::span<const double> rise, normal;
   if (!pieces.rise.empty())
-  {
     rise = std::span(pieces.rise).subspan(piece * n, n);
+  if (!pieces.rise_normal.empty())
     normal = std::span(pieces.rise_normal).subspan(piece * 3 * side, 3 * side);
-  }
   return {is_slave ? slave : master,
           is_slave ? master : slave,
           is_slave,

@@ -34,9 +34,9 @@ struct Pieces
   int gdim = 0, num_multipliers = 0;
   bool along_other = false; ///< as RayPair::along_other
   PieceSide slave, master;
-  std::vector<double> rise;        ///< as RayPair::rise, [piece][vertex][vertex]; empty if there is
-                                   ///< none
-  std::vector<double> rise_normal; ///< as RayPair::rise_normal, [piece][vertex][3]
+  std::vector<double> rise; ///< as RayPair::rise, [piece][vertex][vertex]; empty if there is none
+  std::vector<double> rise_normal; ///< as RayPair::rise_normal, [piece][vertex][3]; empty if there
+                                   ///< is none
   std::vector<std::uint8_t> multiplier_side; ///< as Facets::vertex_side, [piece][multiplier]
   std::vector<std::uint8_t> cut_is_slave;    ///< whether the slave's facet was cut, [piece]
   std::vector<std::size_t> end;              ///< points of a piece: [end[piece - 1], end[piece])

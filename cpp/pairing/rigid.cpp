@@ -96,6 +96,10 @@ void qsdolfinx::face_tool(PairingPoints& points, std::span<const std::uint8_t> k
 
 void qsdolfinx::forget_master(PairingPoints& points)
 {
+  points.num_faced = points.master.num_nodes;
+  points.faced.clear();
+  for (std::size_t i = 0; i < points.master.owner.size(); ++i)
+    points.faced.push_back(points.master.dofs[i * static_cast<std::size_t>(points.block)]);
   points.master.num_nodes = 0;
   points.master.dofs.clear();
   points.master.owner.clear();

@@ -33,7 +33,7 @@ std::vector<double> heights_at(const Surface& surface, const Relief& relief, con
 void face_tool(PairingPoints& points, std::span<const std::uint8_t> keep,
                std::span<const double> normal, std::span<const double> gap, std::size_t group);
 
-/// Remove the unknowns of the master.
+/// Remove the unknowns of the master; PairingPoints::faced identifies its facets from then on.
 void forget_master(PairingPoints& points);
 
 } // namespace qsdolfinx

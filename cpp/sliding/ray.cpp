@@ -46,22 +46,23 @@ bool solve(const RayPair& pair, const Vec3& n, RayPoint& point)
   return false;
 }
 
-/// w p at a ray; for a ray to a curved surface also the derivatives of w p h by ζ.
+/// w p at a ray; for a ray to a curved surface also its slopes by ζ, and their derivatives, times
+/// w p.
 struct Pressure
 {
   explicit Pressure(double constant) : value(constant) {}
 
   Pressure(double constant, const RayLift& lift)
       : value(constant), slope{constant * lift.slope[0], constant * lift.slope[1]},
-        mixed(constant * lift.bending[1]),
-        bent{constant * lift.bending[0], constant * lift.bending[2]}
+        mixed(constant * 0.5 * (lift.bending[0][1] + lift.bending[1][0])),
+        bent{constant * lift.bending[0][0], constant * lift.bending[1][1]}
   {
   }
 
   double value = 0;
   Vec2 slope{};
-  double mixed = 0; ///< second derivative by ζ₁ and ζ₂
-  Vec2 bent{};      ///< second derivatives by ζ₁ and by ζ₂
+  double mixed = 0; ///< mean of both derivatives of a slope by the other coordinate
+  Vec2 bent{};      ///< derivatives of the slopes by their own coordinates
 };
 
 /// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
@@ -253,47 +254,14 @@ Row change_along(const RayPair& pair, const Normal& normal, const Columns& colum
   return out;
 }
 
-void add_outer(const Row& rows, const Row& columns, int n, std::span<double> matrix)
+void add_outer(const Row& rows, const Row& columns, int n, double factor, std::span<double> matrix)
 {
   for (int a = 0; a < n; ++a)
     for (int b = 0; b < n; ++b)
-      matrix[a * n + b] += rows[a] * columns[b];
+      matrix[a * n + b] += factor * rows[a] * columns[b];
 }
 
 } // namespace
-
-RayLift qsdolfinx::lift_of(const RayPair& pair, const std::array<double, 2>& zeta)
-{
-  RayLift out;
-  if (pair.rise.empty())
-    return out;
-  constexpr std::array<double, 4> corners{1, -1, -1, 1};
-  const FacetType type = pair.other.type;
-  const auto N = shape_functions(type, zeta);
-  const auto dN = trace_gradients(type, 1, zeta);
-  const int n = pair.other.num_vertices();
-  const auto second = [&](int i, int a, int b)
-  { return type == FacetType::quadrilateral && a != b ? corners[i] : 0.0; };
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j)
-    {
-      const double s = pair.rise[i * n + j];
-      if (s == 0)
-        continue;
-      out.height += s * N[i] * N[i] * N[j];
-      for (int a = 0; a < 2; ++a)
-        out.slope[a] += s * N[i] * (2 * dN[i][a] * N[j] + N[i] * dN[j][a]);
-      for (int k = 0; k < 3; ++k)
-      {
-        const int a = k / 2, b = (k + 1) / 2;
-        out.bending[k] += s
-                          * (2 * (dN[i][a] * dN[i][b] + N[i] * second(i, a, b)) * N[j]
-                             + 2 * N[i] * (dN[i][a] * dN[j][b] + dN[i][b] * dN[j][a])
-                             + N[i] * N[i] * second(j, a, b));
-      }
-    }
-  return out;
-}
 
 bool qsdolfinx::solve_rays(const RayPair& pair, std::span<RayPoint> points)
 {
@@ -376,9 +344,17 @@ void qsdolfinx::add_curvature_of_points(const Rays& rays, std::span<const double
   for (std::size_t p = 0; p < rays.points.size(); ++p)
   {
     const RayPoint& point = rays.points[p];
-    if (pressure[p] != 0)
-      half.add_point(point, rays.all[p],
-                     {point.weight * pressure[p], lift_of(rays.pair, point.zeta)});
+    if (pressure[p] == 0)
+      continue;
+    const RayLift lift = lift_of(rays.pair, point.zeta);
+    half.add_point(point, rays.all[p], {point.weight * pressure[p], lift});
+    const double twist = 0.5 * (lift.bending[0][1] - lift.bending[1][0]);
+    if (twist == 0)
+      continue;
+    const int n = rays.columns.size();
+    RayForms forms(rays.all[p], rays.columns, rays.normal, dim_of(rays.pair));
+    add_outer(forms.first, forms.second, n, point.weight * pressure[p] * twist, hessian);
+    add_outer(forms.second, forms.first, n, -point.weight * pressure[p] * twist, hessian);
   }
   half.add_sums();
   half.add_to(hessian);
@@ -624,25 +600,25 @@ void qsdolfinx::add_slip_curvature_of_points(const Rays& rays, std::span<const d
     const double w = (pair.cut_is_slave ? 1 : -1) * ray.weight;
     const Vec2 up{w * dot(tau, ray.A.zeta[0]), w * dot(tau, ray.A.zeta[1])};
     half.add_point(point, ray, forms, sliding.s, up[0] * lift.slope[0] + up[1] * lift.slope[1]);
-    if (!pair.rise.empty())
+    if (pair.is_raised())
     {
-      const auto [b11, b12, b22] = lift.bending;
+      const auto& [b1, b2] = lift.bending;
       Row steeper = change_along(pair, normal, columns, ray, point, forms, lift.slope, w * tau);
       for (int b = 0; b < n; ++b)
-        steeper[b] += (up[0] * b11 + up[1] * b12) * forms.first[b]
-                      + (up[0] * b12 + up[1] * b22) * forms.second[b];
-      add_outer(forms.dt, steeper, n, hessian);
+        steeper[b] += (up[0] * b1[0] + up[1] * b2[0]) * forms.first[b]
+                      + (up[0] * b1[1] + up[1] * b2[1]) * forms.second[b];
+      add_outer(forms.dt, steeper, n, 1, hessian);
     }
     for (int alpha = 0; alpha < dim; ++alpha)
       add_outer(alpha == 0 ? forms.first : forms.second,
-                sliding.variation(alpha, pair, ray, point, forms, columns), n, hessian);
+                sliding.variation(alpha, pair, ray, point, forms, columns), n, 1, hessian);
     // τ stays in the plane of the facet: n·δτ = −τ·δn.
     const Vec2 across = Sliding(pair, ray, normal.n()).s;
     const Row works
         = ray.form(columns, normal, across[0] * ray.A.zeta[0] + across[1] * ray.A.zeta[1]);
     Row turn{};
     normal.add_to(-1 * tau, &turn[3 * columns.along]);
-    add_outer(works, turn, n, hessian);
+    add_outer(works, turn, n, 1, hessian);
   }
   half.add_sums();
   half.add_to(hessian);

@@ -32,10 +32,16 @@ struct RayPair
   bool cut_is_slave;
   bool along_other = false; ///< whether rays go against the other facet's normal
   /// For forces along the normals of a curved surface over the other facet, at its vertices: the
-  /// slope towards another vertex, times the length of that edge, [vertex][vertex]. Empty if forces
-  /// are along the normals of the facet itself.
+  /// slope towards another vertex, times the length of that edge, [vertex][vertex]. Empty if
+  /// normals are interpolated.
   std::span<const double> rise{};
-  std::span<const double> rise_normal{}; ///< its normals there, 0 if unknown, [vertex][3]
+  /// Its normals there, 0 if unknown, [vertex][3]. Empty if forces are along the normals of the
+  /// facet itself.
+  std::span<const double> rise_normal{};
+
+  bool is_raised() const { return !rise_normal.empty(); }
+  /// Whether the normals of the curved surface are interpolated: on facets of degree 1 in 3D.
+  bool interpolates() const { return other.degree == 1 && other.type != FacetType::interval; }
 
   /// The facet whose normal is the direction of the rays.
   RayFacet along() const
@@ -47,14 +53,14 @@ struct RayPair
   int num_nodes() const { return cut.num_nodes() + other.num_nodes(); }
 };
 
-/// Height of a curved surface above the other facet, outward, and its derivatives by ζ: cubic along
-/// edges, with the given slopes at vertices, h = Σ_ij s_ij N_i² N_j. Gaps are those to the facet;
-/// forces have the direction of the gradient of t − h.
+/// Slopes by ζ of a curved surface above the other facet, outward, and their derivatives. Gaps are
+/// those to the facet; forces are along the normal of the surface. In 2D, and on facets of degree
+/// 2, the slopes are those of a height that is cubic along edges, h = Σ_ij s_ij N_i² N_j. Across an
+/// edge in 3D the slopes of such heights jump; see rise.cpp for those of facets of degree 1.
 struct RayLift
 {
-  double height = 0;
   std::array<double, 2> slope{};
-  std::array<double, 3> bending{}; ///< [∂₁∂₁, ∂₁∂₂, ∂₂∂₂]
+  std::array<std::array<double, 2>, 2> bending{}; ///< [slope][by ζ]; not symmetric in 3D
 };
 RayLift lift_of(const RayPair& pair, const std::array<double, 2>& zeta);
 
@@ -94,7 +100,8 @@ void gap_gradients(const Rays& rays, std::span<double> out, std::span<double> sl
 /// @param slopes by ξ, nodes fixed, [point][2][2]
 void slave_places(const Rays& rays, std::span<double> gradients, std::span<double> slopes);
 
-/// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. The matrix that is added is symmetric to the last bit.
+/// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. The matrix that is added is symmetric to the last bit,
+/// except for a curved surface in 3D, whose slopes are not those of a height.
 /// @param pressure p_p, [point] @param hessian [node][3][node][3]
 void add_curvature_of_points(const Rays& rays, std::span<const double> pressure,
                              std::span<double> hessian);

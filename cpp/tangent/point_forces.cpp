@@ -206,7 +206,7 @@ private:
     gap_slopes_.resize(2 * count);
     gap_gradients(rays, works_, gap_slopes_);
     gaps_ = works_;
-    if (at_.gaps_move && !rays.pair.rise.empty()) // gaps are those to the facet itself
+    if (at_.gaps_move && rays.pair.is_raised()) // gaps are those to the facet itself
       gap_gradients(rays, gaps_, {}, false);
     turn_.resize(3 * n_);
     spin_.resize(n_);
@@ -489,7 +489,7 @@ private:
     if (!forms_.empty())
       terms.moving(rays, stress, forms_);
     const RayPair& pair = rays.pair;
-    if (at_.moves && !pair.rise.empty())
+    if (at_.moves && pair.is_raised())
     {
       by_normals_.assign(3 * n_ * static_cast<std::size_t>(pair.other.num_vertices()), 0.0);
       terms.rising(pair, points_, stress, hessian_, by_normals_);

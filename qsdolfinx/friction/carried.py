@@ -90,7 +90,7 @@ def facets(slip: Slip) -> Indices:
     """Keys of the points, (points, n): the pair of facets, and the side of the segmentation."""
     points = slip.gap.points
     sides = [side["dofs"][:, :, 0] for side in (points.slave, points.master)]
-    return np.column_stack([parts(slip), *sides])
+    return np.column_stack([parts(slip), *sides, points.faced])
 
 
 def parts(slip: Slip) -> Indices:

@@ -79,7 +79,8 @@ class OneNewton:
 
         Args:
             z: Unknowns of this rank.
-            begins: Whether to find the positions from which slip counts.
+            begins: Whether to find the positions from which slip counts. Otherwise z is the
+                solution with other multipliers, and its own active set is the first one.
             softly: Whether to approach the solution first if the start is poor, see
                 :meth:`_approach`.
 
@@ -94,7 +95,7 @@ class OneNewton:
         if begins and self._is_solution(z):
             return z
         change = self._free_step(z) if begins else None
-        at = self.equations.evaluate(z, first=True, again=self._again)
+        at = self.equations.evaluate(z, first=begins, again=self._again)
         begun = self._merit(at)
         if not np.isfinite(begun):
             raise NoConvergence("the residual is not finite", NOT_FINITE)

@@ -73,7 +73,11 @@ class MeshMotion:
         self._shape = _NodeShapes.of(self.mesh)
         #: Coordinates of the mesh when the object was made, or as :meth:`set_reference` left them.
         self.reference: Array = np.array(self.mesh.geometry.x)
-        self._sign = np.sign(self._corners(self.reference))
+        corners = self._corners(self.reference)
+        self._sign = np.sign(corners)
+        #: Quality at each cell's corners when the object was made, and for curved cells at nodes.
+        self._begun: Array = np.abs(corners)
+        self._begun_at_nodes = self._at_nodes_of_cells(self.reference)
         one = fem.Constant(self.mesh, np.float64(1.0))
         weight = axisymmetric_weight(self.mesh) if axisymmetric else one
         self._volume = fem.form(weight * ufl.dx(domain=self.mesh))
@@ -147,12 +151,34 @@ class MeshMotion:
             x: Coordinates, shape (geometry nodes, 3); by default the present ones of the mesh.
         """
         x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
-        corners = self._corners(x) * self._sign
-        # Coordinates that are not finite give the worst quality.
-        local = float(np.min(np.nan_to_num(corners, nan=-np.inf), initial=1.0))
-        if self._shape is not None:
-            local = min(local, self._shape.worst(x[cell_nodes(self.mesh)]))
+        return self._least(self._corners(x) * self._sign, self._at_nodes_of_cells(x))
+
+    def quality_kept(self, x: Array | None = None) -> float:
+        """Least part of its first quality that a cell has kept, 0 flat. Collective.
+
+        The first quality, see :meth:`quality`, is that of the same corner or node when the object
+        was made. Cells that are thin without any deformation, as in graded meshes, have kept 1.
+
+        Args:
+            x: As for :meth:`quality`.
+        """
+        x = np.asarray(self.mesh.geometry.x, dtype=np.float64) if x is None else x
+        corners, at_nodes = self._corners(x) * self._sign, self._at_nodes_of_cells(x)
+        return self._least(
+            corners / np.where(self._begun > 0, self._begun, 1.0),
+            at_nodes / np.where(self._begun_at_nodes > 0, self._begun_at_nodes, 1.0),
+        )
+
+    def _least(self, *values: Array) -> float:
+        """Least of these values over all ranks, at most 1; those that are not finite are worst."""
+        local = min(float(np.min(np.nan_to_num(v, nan=-np.inf), initial=1.0)) for v in values)
         return float(self.mesh.comm.allreduce(local, op=MPI.MIN))
+
+    def _at_nodes_of_cells(self, x: Array) -> Array:
+        """Jacobians of curved cells at their nodes, over the mean of the cell; else no values."""
+        if self._shape is None:
+            return np.zeros(0)
+        return self._shape.ratios(x[cell_nodes(self.mesh)])
 
     def _corners(self, x: Array) -> Array:
         """Determinant of the edges at each cell's corners, over that of the ideal shape."""
@@ -200,17 +226,15 @@ class _NodeShapes(typing.NamedTuple):
         element = _geometry_element(msh)
         return cls(element.tabulate(1, element.points)[1:, :, :, 0])
 
-    def worst(self, x: Array) -> float:
-        """Smallest Jacobian over its cell mean, x of shape (cells, nodes, 3), on this rank."""
+    def ratios(self, x: Array) -> Array:
+        """Jacobians at nodes over their cell mean, (cells, nodes), x (cells, nodes, 3)."""
         gdim = len(self.gradients)
         with np.errstate(all="ignore"):
             J = np.einsum("jni,cid->cndj", self.gradients, x[:, :, :gdim])
             determinants = np.linalg.det(J)
-            mean = np.abs(determinants.mean(axis=1))
             # Cells may be oriented either way.
-            sign = np.sign(determinants.mean(axis=1))
-            ratio = sign[:, None] * determinants / mean[:, None]
-        return float(np.min(np.nan_to_num(ratio, nan=-np.inf), initial=1.0))
+            mean = determinants.mean(axis=1)
+            return np.asarray(np.sign(mean)[:, None] * determinants / np.abs(mean)[:, None])
 
 
 def _geometry_element(msh: mesh.Mesh) -> typing.Any:

@@ -144,8 +144,8 @@ class TimeStepper:
             in a step; no limit by default.
         max_slip: Largest distance that nodes in contact slide along the other surface in a step, in
             units of its facets; no limit by default.
-        min_quality: Least quality of the worst cell, see MeshMotion.quality; a step below it is not
-            accepted.
+        min_quality: Least part of its undeformed quality that a cell has to keep, see
+            MeshMotion.quality_kept; a step in which one keeps less is not accepted.
         progress: Whether :meth:`run` shows a progress bar on rank 0, if tqdm is installed.
         staggered: Another problem, such as for the temperatures of the bodies, that is solved after
             the bodies in each step: see :class:`qs.Staggered`.
@@ -597,13 +597,13 @@ class TimeStepper:
         """Raise an error for cells that would be distorted at the end of the step."""
         for i, motion in enumerate(self.motions):
             x, flows = motion.u.x.array, self.in_velocity[i]
-            quality = motion.quality(motion.reference + motion.values(x * dt if flows else x))
-            if quality < self.min_quality:
+            kept = motion.quality_kept(motion.reference + motion.values(x * dt if flows else x))
+            if kept < self.min_quality:
                 old = 0.0 if flows else motion.values(start.unknowns[i])
                 raise _Fault(
-                    f"the mesh of u[{i}] is distorted: its worst cell would have a quality of "
-                    f"{quality:.3g}, below min_quality = {self.min_quality:g}",
-                    hopeless=quality > 0.5 * motion.quality(motion.reference + old),
+                    f"the mesh of u[{i}] is distorted: a cell would keep {kept:.3g} of its "
+                    f"undeformed quality, less than min_quality = {self.min_quality:g}",
+                    hopeless=kept > 0.5 * motion.quality_kept(motion.reference + old),
                     distorted=True,
                 )
 

@@ -122,6 +122,9 @@ def _known_by(slip: Slip) -> tuple[Indices, Array]:
     columns = [carried.parts(slip), np.take_along_axis(slave, order, axis=1)]
     for body in slip.gap.master.bodies:
         columns.append(np.sort(_numbers(body, points.master["dofs"]), axis=1))
+    for tool in slip.gap.master.tools if points.faced.shape[1] else ():
+        there = _numbers_of_tool(tool.as_facets(slip.gap.slave.axisymmetric), points.faced)
+        columns.append(np.sort(there, axis=1))
     return np.column_stack(columns), np.take_along_axis(place, order, axis=1)
 
 

@@ -1,5 +1,7 @@
 """Friction in time steps: slip counts from the end of the last step, however it is reached."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
@@ -189,3 +191,32 @@ def test_a_step_ends_once():
     contact.model.friction.end_step(contact.model.slips)
     after = contact.dissipated_energy(), largest(contact.slip())
     assert before[0] > 0 and after == before
+
+
+@pytest.mark.parallel
+def test_energy_below_corners_on_any_number_of_ranks():
+    """Points beside a corner of a tool keep the friction of points below the same face.
+
+    They took that of the closest point on the same rank, which may be below the other face, and
+    with it another part of their slip was elastic.
+    """
+    found = []
+    for comm in (MPI.COMM_SELF, WORLD):
+        msh = box(comm, (24, 12), "quadrilateral", [-1.0, -1.0], [1.0, 0.0])
+        V = vector_space(msh)
+        u = fem.Function(V)
+        x = np.array([[-0.387, 0.6], [-0.287, 0.0], [0.313, 0.0], [0.413, 0.6]])
+        tool = qs.RigidSurface.triangulated(comm, x, [[0, 1], [1, 2], [2, 3]])
+        surface = qs.Surface(V, facets=plane(msh, 1, 0.0))
+        contact = qs.Contact(surface, tool, friction=qs.Coulomb(0.3), sliding="small")
+        bcs = [clamp(V, plane(msh, 1, -1.0))]
+        problem = qs.ContactProblem(elastic(u, E=1e3), u, contact, bcs)
+
+        def drive(t, dt, tool=tool):
+            tool.displacement = [0.0, -0.03 * dt] if t <= 2 else [0.04 * dt, 0.0]
+
+        stepper, energies = qs.TimeStepper(problem, 1.0, drive), []
+        for _ in stepper.run(4.0):
+            energies.append(contact.dissipated_energy())
+        found.append(energies)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8)

@@ -112,7 +112,7 @@ def test_criteria():
 
 
 def test_distorted_mesh_is_replaced_before_a_step_fails():
-    limits = {"min_quality": 0.5}
+    limits = {"min_quality": 0.8}
     with pytest.raises(qs.StepError, match="is distorted"):
         Upset(2, 2.5, **limits).run()
     case = Upset(2, 2.5, remesh={"min_quality": None}, **limits)

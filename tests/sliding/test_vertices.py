@@ -105,6 +105,36 @@ def error_at_vertices(problem):
     return errors(equations, z, scale, of=of_vertices)
 
 
+@pytest.mark.parametrize("swapped", (False, True))
+@pytest.mark.parametrize("cell", ("tetrahedron", "hexahedron"))
+def test_directions_across_edges(cell, swapped):
+    """The force of a corner turns gradually while the corner slides over edges of curved facets.
+
+    A jump at an edge leaves no equilibrium to a corner that should rest there.
+    """
+    scene = OnCorner(cell, 0.02, swapped)
+    scene.problem.set_up()
+    equations = Equations(scene.problem.system)
+    z = equations.first()
+    low, high = (equations.part(z, i).reshape(-1, 3) for i in range(2))
+    x, y, height = (scene.bodies[0].places[:, k] for k in range(3))
+    low[:, 2] = -0.5 * (x**2 + y**2) * (1 + height)
+    sides, *vertices = equations.multipliers(z)
+    sides.normal[:] = -1e6  # inactive
+    for values in vertices:
+        values.normal[:] = 50.0
+    start, directions = high.copy(), []
+    for part in np.linspace(0.0, 1.0, 101):
+        way = part * np.array([0.25, 0.21])  # over edges of both directions
+        high[:] = start + np.append(way, -0.5 * way @ way)
+        of_upper = equations.part(equations.evaluate(z).contact, 1).reshape(-1, 3)
+        force = total(of_upper)
+        directions.append(force / np.linalg.norm(force))
+    turns = np.linalg.norm(np.diff(directions, axis=0), axis=1)
+    assert np.linalg.norm(directions[-1] - directions[0]) > 0.2
+    assert turns.max() < 0.02  # 0.10 to 0.13 with the slopes of heights
+
+
 @pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
 @pytest.mark.parametrize("degree", (1, 2))
 @pytest.mark.parametrize("cell", ("triangle", "quadrilateral"))

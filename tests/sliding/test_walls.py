@@ -127,3 +127,29 @@ def test_block_that_hangs_over_an_edge():
             pressures = contact.model.gaps[0].multiplier(contact.model.eps)[:, 0]
             largest = WORLD.allreduce(float(pressures.max(initial=0.0)), op=MPI.MAX)
             assert largest < 3 * contact.force("slave")[2] / (0.22 * 0.7)
+
+
+@pytest.mark.parametrize("stiffness", (1e5, 1e6))
+def test_stiff_punch_with_walls(stiffness):
+    """The rim of a stiff punch presses facets of a block down, also where it meets their edges.
+
+    With directions of forces that jump at edges of facets there was no equilibrium: active sets
+    repeated, and a warning told that the rim was not supported.
+    """
+    forces = []
+    for swapped in (False, True):
+        block = Body(box(WORLD, (6, 6, 3), "hexahedron", (0, 0, 0), (1, 1, 0.5)), stiffness=1e3)
+        upper = (0.3, 0.3, 0.5), (0.7, 0.7, 0.9)
+        punch = Body(box(WORLD, (4, 4, 4), "hexahedron", *upper), stiffness=stiffness)
+        below, above = plane(block.mesh, 2, 0.0), plane(punch.mesh, 2, 0.9)
+        block.clamp(below)
+        punch.clamp(above).value[2] = -0.03
+        surfaces = block.side(2, 0.5), but_for(punch, above)
+        contact = qs.Contact(*surfaces[:: -1 if swapped else 1], sliding="finite")
+        problem = problem_of([block, punch], [contact])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", qs.ContactWarning)
+            problem.solve()
+        assert problem.num_iterations <= 20
+        forces.append(abs(contact.force("slave")[2]))
+    assert forces[0] == pytest.approx(forces[1], rel=0.01)
