@@ -4,11 +4,11 @@
 namespace qsdolfinx
 {
 
-/// With updated geometry, facets are in contact up to this angle (60°). A gap along the normal n of
+/// With updated geometry, facets are in contact up to this angle (66°). A gap along the normal n of
 /// one facet changes by 1/|m·n| times the motion of the other facet, which has the normal m: a
 /// facet beside a tool's corner, which leans towards the wall, would be pushed by a multiple of the
 /// motion.
-inline constexpr double steep_cosine = 0.5;
+inline constexpr double steep_cosine = 0.4;
 
 /// Up to this angle (45°) facets have their full weight. Between both it falls to 0: a facet that
 /// leans on a wall more and more would otherwise get the force of the wall all at once, and there

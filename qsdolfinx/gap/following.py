@@ -373,7 +373,7 @@ class Cut:
         found: Contact pairs.
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
         alone: Points without a partner; they are the last of the points.
-        carried: See :attr:`Following.carried`.
+        least_cover: See :attr:`Following.least_cover`.
         own: Multipliers of vertices of a tool; None for multipliers at nodes.
     """
 
@@ -383,7 +383,7 @@ class Cut:
     found: Found
     operator: _cpp.GapOperator
     alone: Alone
-    carried: Flags | None
+    least_cover: Array
     own: OwnRows | None = None
 
     @property
@@ -425,8 +425,8 @@ class Following:
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
-        #: Smooth patches of owned nodes with condensed multipliers, (nodes, block); None for none.
-        self.carried: Flags | None = None
+        #: See ``PointRows.least_cover``.
+        self.least_cover: Array = LEAST_COVER * self._sides_of_nodes * slave.node_area[:, None]
         #: Evaluation for which the sparsity pattern of the tangent blocks was made; None before.
         self._pattern_of: Cut | None = None
 
@@ -482,7 +482,7 @@ class Following:
         last, comm = self._last, self._slave.comm
         there = last is not None and _equal(last.places, places)
         same = there and last is not None and last.vertices is vertices
-        same = same and last is not None and last.carried is self.carried
+        same = same and last is not None and last.least_cover is self.least_cover
         agreed = np.array([there, same], dtype=bool)
         comm.Allreduce(MPI.IN_PLACE, agreed, op=MPI.LAND)
         there, same = map(bool, agreed)
@@ -509,27 +509,20 @@ class Following:
         own = None
         if found.vertices is not None:
             own = OwnRows.of(found.vertices, np.asarray(operator.row_area))
-        self._last = Cut(places, vertices, node_area, found, operator, alone, self.carried, own)
+        self._last = Cut(places, vertices, node_area, found, operator, alone, self.least_cover, own)
         return self._last
 
     def _alone(self, found: Found, vertices: Array | None) -> Alone:
         """Points that keep multipliers regular where hardly anything is covered. Collective.
 
-        If less than :data:`LEAST_COVER` of a node's area is covered, a point with an open gap has
-        the rest of this part, so that the multiplier is 0 where nothing is opposite. At the start
-        of a solve multipliers that are covered less are condensed.
+        If less than a part of a node's area is covered, a point with an open gap has the rest of
+        this part, so that the multiplier is 0 where nothing is opposite.
         """
         if found.vertices is not None:
             lost = found.vertices.lost
             return Alone(np.full(len(lost), -1), found.vertices.area[lost], self.radius)
-        slave, sides = self._slave, self._sides_of_nodes
-        least: Array | float = LEAST_COVER
-        if self.carried is not None and vertices is None:
-            # Of condensed multipliers hardly anything: it would reduce the multipliers of their
-            # neighbours, by 1.5 % of displacements in tests/sliding/test_small_limit.py, "swapped".
-            least = np.where(self.carried, 1e-8, LEAST_COVER)
         # Areas of the surface at the start: these parts change with the covered areas alone.
-        missing = least * sides * slave.node_area[:, None] - found.cover
+        slave, missing = self._slave, self.least_cover - found.cover
         some = missing > 0
         return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 

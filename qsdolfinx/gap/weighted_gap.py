@@ -427,7 +427,7 @@ class WeightedGap:
         self.cut, self._own = cut, cut.operator
         if not is_same:
             are_own = self.following is not None and self.following.points_are_own
-            self.rows = PointRows(cut.operator, self.slave, are_own)
+            self.rows = PointRows(cut.operator, self.slave, are_own, len(cut.alone.weight))
             self._at_rows = np.zeros(0), np.zeros(0)
 
     def rebase(self) -> None:

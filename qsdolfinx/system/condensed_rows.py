@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.base.rounding import SOLVED
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
@@ -207,8 +207,8 @@ class PointConstraints(CondensedRows):
         self.extension: Extension | None
         self.free: Flags
         self.extension, self.free = self._found()
-        if gap.following is not None:
-            gap.following.carried = None if self.extension is None else self.extension.filled
+        if gap.following is not None and gap.own is None:
+            gap.following.least_cover = self._points.least_cover(self.extension)
 
     def _found(self) -> tuple[Extension | None, Flags]:
         """E, and the patches with free multipliers, at the last evaluation. Collective."""
@@ -243,10 +243,20 @@ class PointConstraints(CondensedRows):
         return out
 
     def has_others(self) -> bool:
-        """Whether other patches have multipliers after an update of the geometry. Collective."""
+        """Whether other patches have multipliers after an update of the geometry. Collective.
+
+        Or whether patches in contact have lost so much of their cover that points without a partner
+        reduce their multipliers.
+        """
         if self.gap.following is None or not self._has:
             return False
-        return not np.array_equal(self._found()[1], self.free)
+        if not np.array_equal(self._found()[1], self.free):
+            return True
+        if self.gap.own is not None:
+            return False
+        paired, area = self._points.paired, self._points.area_of_sides
+        lost = (paired > ROUNDING * area) & (paired < self.gap.following.least_cover)
+        return bool(np.any(lost))
 
     @property
     def _points(self) -> PointRows:

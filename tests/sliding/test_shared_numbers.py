@@ -98,6 +98,7 @@ class Pass:
             derivatives=[np.zeros((num, 1, 1)), np.zeros((num, 1))],
             values=[np.zeros(num), none, rest, none, none, none, none],
             fields=[0],
+            missing=[],
             begun=[],
             moves=False,
             gaps_move=False,

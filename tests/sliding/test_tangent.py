@@ -8,6 +8,7 @@ from scenes import WORLD, Pair, box, drag_top, largest, plane, vector_space
 from system.test_equations import away, equations_of, errors
 
 import qsdolfinx as qs
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.system.equations import Equations
 
 #: Cells and their spaces.
@@ -135,6 +136,58 @@ def test_without_cover(cell):
     assert WORLD.allreduce(num_alone) > 0
     paired = len(active) - num_alone
     assert active[:paired].all() and not active[paired:].any()
+    assert errors(equations, z, scale) < 1e-8
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+@pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
+@pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
+def test_nodes_that_lose_cover(cell, formulation, friction):
+    """What a node that was covered loses is added to it, and the derivative contains this part."""
+    up = (2 if cell == "triangle" else 3) - 1
+    low = Body(box(WORLD, [3] * (up + 1), cell, [-0.35] * up + [0.0], [1.35] * up + [1.0]))
+    high = Body(box(WORLD, [3] * up + [1], cell, [-1.0] * up + [1.0], [2.0] * up + [2.0]))
+    low.clamp(plane(low.mesh, up, 0.0))
+    options = {"formulation": formulation, "friction": friction}
+    equations = equations_between([high, low], high.side(up, 1.0), low.side(up, 1.0), **options)
+    z, scale = near(equations, 5.0)
+    equations.part(z, 0).reshape(-1, up + 1)[:, 0] -= 0.1
+    equations.evaluate(z)
+    gap = equations.passes[0].gap
+    covered = gap.cut.found.cover[:, 0] / gap.slave.node_area
+    assert WORLD.allreduce(int(np.count_nonzero((covered > 0.01) & (covered < LEAST_COVER)))) > 0
+    assert errors(equations, z, scale) < 1e-8
+
+
+@pytest.mark.parametrize("friction", (None, qs.Coulomb(0.3)))
+@pytest.mark.parametrize("opposite", ("tool", "body"))
+@pytest.mark.parametrize("cell", ("triangle", "tetrahedron", "hexahedron"))
+def test_facets_that_lean(cell, opposite, friction):
+    """Facets at angles from 45° to 66° have a part of their weight, which turns with both."""
+    gdim = 2 if cell == "triangle" else 3
+    low, high = [0.0] * gdim, [1.0] * gdim
+    body = Body(box(WORLD, [3] * gdim, cell, low, high, "scattered"))
+    body.clamp(plane(body.mesh, gdim - 1, 0.0))
+    bodies, top, angle = [body], body.side(gdim - 1, 1.0), np.radians(53.0)
+    if opposite == "tool":
+        corners = [[-0.3, 0.98], [0.4, 0.98], [0.8, 0.98 + 0.4 * np.tan(angle)]]
+        sides = [[0, 1], [1, 2]]
+        if gdim == 3:
+            corners = [[x, y, z] for y in (-0.3, 1.4) for x, z in corners]
+            sides = [[0, 4, 1], [0, 3, 4], [1, 5, 2], [1, 4, 5]]
+        other = qs.RigidSurface.triangulated(WORLD, corners, sides)
+    else:
+        ends = [-0.2, *[0.1] * (gdim - 2), 0.98], [0.9] * (gdim - 1) + [2.0]
+        second = Body(box(WORLD, [2] * gdim, cell, *ends))
+        x, facets = second.mesh.geometry.x, plane(second.mesh, gdim - 1, 0.98)
+        x[:, gdim - 1] += np.maximum(x[:, 0] - 0.35, 0.0) * np.tan(angle)
+        bodies.append(second)
+        other = second.surface(facets)
+    equations = equations_between(bodies, top, other, friction=friction)
+    z, scale = near(equations, 50.0)
+    active, gap = equations.evaluate(z).passes[0].active, equations.passes[0].gap
+    x = gap.following.points(gap.cut)[0]
+    assert WORLD.allreduce(int(np.count_nonzero(active[: len(x)] & (x[:, 0] > 0.42)))) > 0
     assert errors(equations, z, scale) < 1e-8
 
 
