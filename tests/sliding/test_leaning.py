@@ -23,7 +23,7 @@ def test_pressed_and_dragged(steep, friction):
     out = 0.15 / steep
     x = np.array([[0.35, 0.0], [0.65, 0.0], [0.65 + out, 0.15], [0.35 - out, 0.15]])
     sides = [[0, 1], [1, 2], [2, 3], [3, 0]]
-    tool = qs.RigidSurface.triangulated(WORLD, x + [0.0, 0.401], sides)
+    tool = qs.RigidSurface.triangulated(WORLD, x + np.array([0.0, 0.401]), sides)
     contact = qs.Contact(body.side(1, 0.4), tool, sliding="finite", friction=friction)
 
     def drive(t, dt):
