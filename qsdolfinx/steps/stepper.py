@@ -137,9 +137,9 @@ class TimeStepper:
         easy: Number of Newton iterations for ``growth``.
         max_penetration: Largest true depth (length) of points of either surface at the end of a
             step, in addition to the initial overclosure that is allowed. Points that have passed
-            through the other surface count at any depth; points that have left a thin part on its
-            other side are not found. ``"auto"``: half of the largest facet, and no limit for ties.
-            None: no limit.
+            through the other surface count at any depth, also those that have left a part on its
+            other side if it is thicker than a hundredth of the smallest facet. ``"auto"``: half of
+            the largest facet, and no limit for ties. None: no limit.
         max_rotation: Largest rotation (radians) of rigid tools and of normals of contact surfaces
             in a step; no limit by default.
         max_slip: Largest distance that nodes in contact slide along the other surface in a step, in

@@ -256,7 +256,7 @@ class PointConstraints(CondensedRows):
             return False
         paired, area = self._points.paired, self._points.area_of_sides
         lost = (paired > ROUNDING * area) & (paired < self.gap.following.least_cover)
-        return bool(np.any(lost))
+        return bool(np.any(lost if self.extension is None else lost & ~self.extension.filled))
 
     @property
     def _points(self) -> PointRows:

@@ -1,7 +1,9 @@
 """Finite sliding: area of the other surface that covers each node."""
 
+import warnings
+
 import pytest
-from following import Boxes
+from following import Body, Boxes, problem_of
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
 from dolfinx import fem
@@ -45,3 +47,26 @@ def test_nodes_that_are_left():
         assert stepper.num_iterations <= 16
     assert stepper.num_cutbacks == 0
     assert contact.force("slave")[0] > 0.29 * -contact.force("slave")[1]
+
+
+@pytest.mark.parametrize("over", (2e-4, 2e-3, 0.06))
+def test_block_that_covers_little_of_some_nodes(over):
+    """A block whose edges are just beyond mesh lines of the plate, the slave, is pressed evenly.
+
+    There is no warning that the nodes that are covered do not settle.
+    """
+    plate = Body(box(WORLD, (4, 4, 1), "hexahedron", (-1.0, -1.0, -0.5), (1.0, 1.0, 0.0)))
+    block = Body(box(WORLD, (5, 5, 2), "hexahedron", (-0.6, -0.6, 0.0), (0.5 + over,) * 2 + (0.6,)))
+    for axis in range(3):
+        plate.hold(axis, 2, -0.5, 0.0)
+        plate.hold(axis, 2, 0.0, 0.0)
+    for axis in range(2):
+        block.hold(axis, axis, -0.6)
+    block.press(2, 0.6, 1e-3)
+    contact = qs.Contact(plate.side(2, 0.0), block.side(2, 0.0), sliding="finite")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        problem_of([plate, block], [contact]).solve()
+    area = (1.1 + over) ** 2
+    assert contact.force("slave")[2] == pytest.approx(-1e-3 * area, rel=1e-5)
+    assert largest(contact.penetration()) < 1e-9
