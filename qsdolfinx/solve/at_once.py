@@ -33,7 +33,7 @@ MOST_OTHERS = 5
 UNSETTLED = (
     "sliding: with the nodes that are covered by the other surface at the end of the solve, there "
     "is no equilibrium nearby: forces at the ends of the contact zone depend on where the solve "
-    "began; make the smaller surface the slave, take smaller steps, or finer facets"
+    "began; of two bodies make the smaller surface the slave; take smaller steps, or finer facets"
 )
 
 

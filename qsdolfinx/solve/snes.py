@@ -92,8 +92,9 @@ REMEDY = (
 )
 #: The remedy for steps that cannot be cut back any further.
 REMEDY_IN_STEPS = (
-    "if the active set keeps changing, as over sharp edges or between coarse or rough facets, swap "
-    'slave and master, or, with sliding="finite", take "small" and steps smaller than a facet; '
+    "if the active set keeps changing, round sharp corners that slide by two facets, refine coarse "
+    "or rough facets, swap slave and master if the master is no tool, or, with "
+    'sliding="finite", take "small" and steps smaller than a facet; '
     "else nothing may balance the load, or a structure may snap through: drive it by "
     "displacements, or give F damping or inertia"
 )
