@@ -413,8 +413,6 @@ class Following:
         radius: float,
         cutter: Cutter,
     ) -> None:
-        #: Smooth patches of owned nodes that have multipliers, (nodes, block).
-        self._sides_of_nodes = cutter.sides()
         self._slave, self._master, self._cutter = slave, master, cutter
         self.radius = radius
         self._values = [TraceValues(s) for s in (slave, *master.bodies)]
@@ -426,7 +424,7 @@ class Following:
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
         #: See ``PointRows.least_cover``.
-        self.least_cover: Array = LEAST_COVER * self._sides_of_nodes * slave.node_area[:, None]
+        self.least_cover: Array = LEAST_COVER * cutter.sides() * slave.node_area[:, None]
         #: Evaluation for which the sparsity pattern of the tangent blocks was made; None before.
         self._pattern_of: Cut | None = None
 
