@@ -1,4 +1,4 @@
-"""Compare the pressure of conforming surfaces for different smoothing of their facets.
+"""Compare the pressure of conforming surfaces for flat facets and meshes of degree 2.
 
 A shrink fit, and rings with the contact pressure p + q cos 2θ, in 2D, with each side as the slave
 and each mesh inside. Prints the table of docs/method.md.
@@ -17,14 +17,12 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "tests")
 from curved_scenes import LoadedRings, ShrinkFit, exact_pressure
 from scenes import WORLD
 
-SHARED, NAMED = {"smoothing": "shared-curvature"}, {"smoothing": "named"}
 KINDS = {
     "facets as they are": [{"degrees": (1, d)} for d in (1, 2)],
-    '`smoothing="shared-curvature"`': [SHARED | {"degrees": (1, d)} for d in (1, 2)],
-    "`smoothing=`: cylinders by name": [NAMED | {"degrees": (1, d)} for d in (1, 2)],
     "mesh of degree 2": [{"degrees": (2, d)} for d in (1, 2)],
     "mesh of degree 2 by `qs.elevate`": [{"degrees": ("elevated", d)} for d in (1, 2)],
-    'the same, `sliding="finite"`': [
+    "the same, with `shape=`": [{"degrees": ("named", d)} for d in (1, 2)],
+    'by `qs.elevate`, `sliding="finite"`': [
         {"degrees": ("elevated", d), "sliding": "finite"} for d in (1, 2)
     ],
 }

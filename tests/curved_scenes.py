@@ -14,7 +14,7 @@ class Shell:
 
     Cells are uniform over the angle (and along the axis, or the second angle) and over the radius.
     Geometry and displacements have the given degrees; with "elevated" the geometry is made by
-    qs.elevate.
+    qs.elevate, with "named" onto the given circles, cylinders or spheres.
     """
 
     def __init__(
@@ -47,11 +47,20 @@ class Shell:
             x[:, 0], x[:, 1] = r * np.cos(0.5 * np.pi * p[:, 0]), r * np.sin(0.5 * np.pi * p[:, 0])
             if self.gdim == 3:
                 x[:, 2] = 10 * p[:, 1]
-        if degrees[0] == "elevated":
-            self.mesh = msh = qs.elevate(qs.elevate(msh, facets=self.inner), facets=self.outer)
+        if degrees[0] in ("elevated", "named"):
+            for facets, radius in zip((self.inner, self.outer), radii, strict=True):
+                shape = self.named(radius, sphere) if degrees[0] == "named" else None
+                self.mesh = msh = qs.elevate(msh, facets=facets, shape=shape)
         self.V = V = fem.functionspace(msh, ("Lagrange", degrees[1], (self.gdim,)))
         self.u = fem.Function(V)
         self.F = elastic(self.u, E=200e3)
+
+    def named(self, radius, sphere):
+        """The surface on which one side is."""
+        if sphere:
+            return qs.smooth.Sphere([0.0] * self.gdim, radius)
+        axis = None if self.gdim == 2 else [0.0, 0.0, 1.0]
+        return qs.smooth.Cylinder([0.0] * self.gdim, axis, radius)
 
     def load(self, facets, traction):
         """Add a traction, a UFL expression, on facets."""
@@ -89,7 +98,6 @@ class Rings:
     Args:
         n: Numbers of cells of the inner and of the outer ring.
         radii: Inner and outer radius of each ring.
-        smoothing: Smoothing of the contact, or "named" for the circles or cylinders of these radii.
     """
 
     def __init__(
@@ -100,7 +108,6 @@ class Rings:
         cell="quadrilateral",
         uneven=0.0,
         degrees=(1, 1),
-        smoothing="none",
         **options,
     ):
         self.inner, self.outer = (
@@ -109,14 +116,9 @@ class Rings:
                 n, radii, (uneven, -uneven), ("forward", "scattered"), strict=True
             )
         )
-        if smoothing == "named":
-            axis = None if len(n[0]) == 2 else [0.0, 0.0, 1.0]
-            center = [0.0] * len(n[0])
-            named = tuple(qs.smooth.Cylinder(center, axis, r) for r in (radii[0][1], radii[1][0]))
-            smoothing = named[::-1] if swap else named
         sides = [self.inner.surface(self.inner.outer), self.outer.surface(self.outer.inner)]
         slave, master = sides[::-1] if swap else sides
-        options = {"quadrature": "overlay", "smoothing": smoothing} | options
+        options = {"quadrature": "overlay"} | options
         self.contact = qs.Contact(slave, master, **options)
 
     def problem(self):

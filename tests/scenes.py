@@ -214,7 +214,7 @@ class Pair:
             surfaces.append(qs.Surface(V, facets=contact))
         self.master, self.slave = surfaces
         law = qs.Unilateral() if law is None else law
-        options = {"smoothing": "none"} | (contact_options or {})  # no smoothing of facets
+        options = contact_options or {}
         self.contact = qs.Contact(
             self.slave, self.master, formulation=formulation, law=law, penalty=penalty, **options
         )

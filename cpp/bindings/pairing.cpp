@@ -7,6 +7,7 @@
 #include "pairing/rigid.h"
 
 #include <cmath>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 #include <tuple>
@@ -42,13 +43,13 @@ auto entries(ByNormals&& found)
                     copy(std::move(found.value), {n}));
 }
 
-/// Relief of a surface from its parts. @throws nb::value_error if heights have another shape
-Relief relief(const Surface& surface, int lift, bool known, const In<double>& heights)
+/// Heights of a surface's facets. @throws nb::value_error if they have another shape
+Heights heights_of(const Surface& surface, const std::optional<In<double>>& heights)
 {
   const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
-  if (known && heights.array.size() != surface.num_facets() * nodes)
+  if (heights && heights->array.size() != surface.num_facets() * nodes)
     throw nb::value_error("heights: one for each node of degree 2 of each facet");
-  return {static_cast<Lift>(lift), known, heights.view()};
+  return heights ? Heights(heights->view()) : Heights();
 }
 
 using Side = nb::typed<nb::dict, nb::str, nb::any>;
@@ -185,18 +186,17 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "overlay_surfaces",
       [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
          int normals, In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
-         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
-         bool master_known, In<double> master_heights)
+         std::optional<In<double>> slave_heights, std::optional<In<double>> master_heights)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
         return overlay_surfaces(slave, master, both, radius, static_cast<Normals>(normals), rules,
-                                relief(slave, slave_lift, slave_known, slave_heights),
-                                relief(master, master_lift, master_known, master_heights));
+                                heights_of(slave, slave_heights),
+                                heights_of(master, master_heights));
       },
       "slave"_a, "master"_a, "both"_a, "radius"_a, "normals"_a, "piece_x"_a, "piece_w"_a,
-      "edge_x"_a, "edge_w"_a, "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a,
-      "master_known"_a, "master_heights"_a,
-      "Pairing points on the overlay; the last arguments are the Relief of each side; collective.");
+      "edge_x"_a, "edge_w"_a, "slave_heights"_a.none() = nb::none(),
+      "master_heights"_a.none() = nb::none(),
+      "Pairing points on the overlay; heights of curved facets, [facet][node]; collective.");
   nb::class_<Pieces>(m, "Pieces", "Pieces (segments) of the overlay; see pairing/pieces.h.")
       .def_prop_ro("size", &Pieces::size)
       .def_ro("gdim", &Pieces::gdim)
@@ -337,35 +337,32 @@ void qsdolfinx::bind_pairing(nb::module_& m)
       "conforming_points",
       [](const Surface& slave, const Surface& master, const SearchRadius& radius,
          In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w,
-         int slave_lift, bool slave_known, In<double> slave_heights, int master_lift,
-         bool master_known, In<double> master_heights)
+         bool slave_is_flat, bool master_is_flat)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        double area = 0;
-        const auto found = conforming_points(
-            slave, master, radius, rules, relief(slave, slave_lift, slave_known, slave_heights),
-            relief(master, master_lift, master_known, master_heights), area);
+        Conforming found
+            = conforming_points(slave, master, radius, rules, {slave_is_flat, master_is_flat});
         std::vector<double> out;
-        for (const ConformingPoint& p : found)
+        for (const ConformingPoint& p : found.found)
           out.insert(out.end(), {p.slave, p.master, p.gap, p.weight});
-        return std::pair(copy(std::move(out), {found.size(), 4}), area);
+        return std::pair(std::move(found.points), copy(std::move(out), {found.found.size(), 4}));
       },
       "slave"_a, "master"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
-      "slave_lift"_a, "slave_known"_a, "slave_heights"_a, "master_lift"_a, "master_known"_a,
-      "master_heights"_a,
-      "Points where both surfaces are curved the same way, [point][slave, master, gap, weight], "
-      "and the area of all paired points on this rank; collective.");
+      "slave_is_flat"_a, "master_is_flat"_a,
+      "Paired points of the slave, whose gap is the change of the gap by chord errors, and those "
+      "where both surfaces are curved the same way, [point][slave, master, gap, weight]; "
+      "collective.");
 
   m.def(
       "heights_at",
-      [](const Surface& surface, bool known, In<double> heights, In<double> x, In<double> w)
+      [](const Surface& surface, std::optional<In<double>> heights, In<double> x, In<double> w)
       {
-        const auto out = heights_at(surface, relief(surface, 0, known, heights), rule(x, w));
+        const auto out = heights_at(surface, heights_of(surface, heights), rule(x, w));
         return copy(out, {out.size()});
       },
-      "surface"_a, "known"_a, "heights"_a, "x"_a, "w"_a,
-      "Heights above the facets at quadrature points, facet by facet, from given heights at their "
-      "nodes of degree 2 or from a curvature found from the angles between facets; collective.");
+      "surface"_a, "heights"_a.none(), "x"_a, "w"_a,
+      "Heights above the flat facets at quadrature points, facet by facet, of curved facets with "
+      "given heights at their nodes of degree 2, or from the angles between facets; collective.");
   m.def("sample_nodes", &sample_nodes, "slave"_a, "Points at the nodes, without a master.");
   m.def(
       "sample_vertices", [](const Surface& slave, In<std::uint8_t> which)

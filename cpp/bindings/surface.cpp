@@ -1,7 +1,8 @@
 #include "surface/surface.h"
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "surface/relief.h"
+#include "surface/curvature.h"
+#include "surface/heights.h"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -96,10 +97,10 @@ void qsdolfinx::bind_surface(nb::module_& m)
     return copy(std::move(values), {s.num_facets(), nodes, 3});
   };
   m.def(
-      "relief_nodes", [at_nodes](const Surface& s) { return at_nodes(s, relief_nodes(s)); },
+      "flat_nodes", [at_nodes](const Surface& s) { return at_nodes(s, flat_nodes(s)); },
       "surface"_a, "Nodes of degree 2 on the flat facets, [facet][node][3].");
   m.def(
-      "relief_normals", [at_nodes](const Surface& s) { return at_nodes(s, relief_normals(s)); },
+      "flat_normals", [at_nodes](const Surface& s) { return at_nodes(s, flat_normals(s)); },
       "surface"_a,
       "Outward unit normals of the flat facets at their nodes of degree 2, [facet][node][3].");
   m.def(

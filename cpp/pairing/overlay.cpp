@@ -8,11 +8,11 @@
 #include "search/way_out.h"
 #include "search/winding.h"
 #include "sliding/facing.h"
-#include "surface/relief.h"
+#include "surface/curvature.h"
+#include "surface/heights.h"
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <optional>
 #include <stdexcept>
 
@@ -45,24 +45,18 @@ struct NearbyFacets : FacetCopies
   }
 };
 
-/// Surface correction of one surface: its relief and the curvature of its facets.
+/// What is known of the curved surface of one side.
 struct CurvedSide
 {
-  CurvedSide(const Surface& surface, const Relief& relief, bool with_curvature)
-      : relief(relief),
-        curvature(with_curvature ? relief_curvature(surface, relief) : std::vector<Curvature>{})
-  {
-  }
-  Relief relief;
-  std::vector<Curvature> curvature; ///< by facet of this rank; empty if not requested
+  Heights heights{};                                 ///< of curved facets
+  std::optional<std::vector<Curvature>> curvature{}; ///< by facet of this rank, if requested
+  bool is_flat = true; ///< whether gaps are measured from flat facets, for chord errors
 };
 
 /// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
 /// arrive in an order that depends on the partition. Collective.
-/// @param curved curved surface that the facets approximate, null if not needed
-/// @param with_curvature whether all ranks know their facets' curvature
 NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
-                          const CurvedSide* curved = nullptr, bool with_curvature = false)
+                          const CurvedSide& curved = {})
 {
   const std::vector<Box> boxes = to.rank_boxes(radius);
   const int nv = from.num_vertices(), nt = from.num_trace(), d = from.block();
@@ -71,7 +65,6 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
   facets_in_boxes(from, boxes, dest, facets);
   std::vector<double> x, orientation, curvature, heights, trace_x, key;
   const int nh = trace_size(from.type(), 2);
-  const bool known = curved && curved->relief.known;
   std::vector<std::int64_t> dofs;
   std::vector<std::uint8_t> side;
   for (std::size_t f : facets)
@@ -81,10 +74,10 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
     append_record(dofs, from.facets().dofs, f, nt * d);
     append_record(owner, from.facets().owner, f, nt);
     append_record(side, from.facets().vertex_side, f, nv);
-    if (with_curvature)
-      append_record(curvature, curved->curvature[f], 0, 6);
-    if (known)
-      append_record(heights, curved->relief.heights, f, nh);
+    if (curved.curvature)
+      append_record(curvature, (*curved.curvature)[f], 0, 6);
+    if (curved.heights)
+      append_record(heights, *curved.heights, f, nh);
     if (from.follows())
       append_record(trace_x, from.facets().trace_x, f, nt * 3);
     if (from.touches_itself())
@@ -99,8 +92,8 @@ NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
       exchange.forward<std::int64_t>(dofs, nt * d),
       exchange.forward<int>(owner, nt),
       exchange.forward<std::uint8_t>(side, nv),
-      with_curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
-      known ? exchange.forward<double>(heights, nh) : std::vector<double>{},
+      curved.curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
+      curved.heights ? exchange.forward<double>(heights, nh) : std::vector<double>{},
       from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{},
       from.touches_itself() ? exchange.forward<double>(key, key_size) : std::vector<double>{}};
 }
@@ -150,12 +143,11 @@ bool is_flat(const Surface& surface, const std::vector<Curvature>& curvature)
   return most < rounding;
 }
 
-/// Curved surfaces that the facets of two surfaces facing each other approximate.
+/// Curved surfaces of two sides facing each other.
 struct Curved
 {
   CurvedSide cut, other;
-  bool with_curvature;                           ///< whether curvatures are known
-  std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null
+  std::vector<ConformingPoint>* found = nullptr; ///< filled if it is not null, from curvatures
 };
 
 /// Area at ξ on a facet per area of the reference facet.
@@ -328,10 +320,9 @@ class Overlay
 public:
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
           double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
-          const Curved* curved, Record* record = nullptr)
+          const Curved& curved, Record* record = nullptr)
       : points_(points), cut_(cut), curved_(curved), record_(record),
-        nearby_(fetch_nearby(other, cut, radius.largest, curved ? &curved->other : nullptr,
-                             curved && curved->with_curvature)),
+        nearby_(fetch_nearby(other, cut, radius.largest, curved.other)),
         tree_(facet_boxes(nearby_.type, nearby_.x)),
         own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
         ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
@@ -702,7 +693,9 @@ private:
       const double stretch
           = norm(area_vector(cut_.type(), v, here.xi[p])) / planar.jacobian(here.xi[p]);
       points_.weight.push_back(share_ * w_[p] * stretch * cut_.area_factor(x));
-      if (curved_)
+      if (curved_.found)
+        gap = chord_error(f, piece.other, p, gap);
+      else if (curved_.cut.heights || curved_.other.heights)
         lift(f, piece.other, p, n, nearby_.orientation[piece.other] * a, dot(y - x, outward_),
              outward, gap);
       points_.gap.push_back(gap);
@@ -754,42 +747,34 @@ private:
     }
   }
 
-  /// Replace gap and normal of the facets by those of the surfaces that the facets approximate.
+  /// Change of the gap by the chord errors of flat facets; 0 where the surfaces are not curved the
+  /// same way.
+  double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap)
+  {
+    const Curvature of_cut = (*curved_.cut.curvature)[f], of_other = nearby_.curvature_of(other);
+    const auto v = cut_.facet_x(f);
+    if (!conforming(of_cut, of_other, cut_.type(), v))
+      return 0;
+    const Curvature K = shared_curvature(of_cut, of_other);
+    const double here = bulge(K, cut_.type(), v, here_.N[p]);
+    const double there = bulge(K, nearby_.type, nearby_.facet_x(other), there_.N[p]);
+    const ConformingPoint point{curved_.cut.is_flat ? here : 0, curved_.other.is_flat ? there : 0,
+                                gap - here + there, points_.weight.back()};
+    curved_.found->push_back(point);
+    return point.slave - point.master;
+  }
+
+  /// Replace gap and normal of flat facets by those of the curved facets.
   /// @param n, a normal of the facet that is cut, and area vector of the other, both outward
   /// @param distance of the facets along the line through both points
   void lift(std::size_t f, std::size_t other, std::size_t p, const Vec3& n, const Vec3& a,
             double distance, Vec3& outward, double& gap)
   {
-    Curvature of_cut{}, of_other{};
-    if (curved_->with_curvature)
-    {
-      of_cut = curved_->cut.curvature[f];
-      of_other = nearby_.curvature_of(other);
-    }
-    const auto v = cut_.facet_x(f), z = nearby_.facet_x(other);
-    if (curved_->found && conforming(of_cut, of_other, cut_.type(), v))
-    {
-      const Curvature K = shared_curvature(of_cut, of_other);
-      const double here = bulge(K, cut_.type(), v, here_.N[p]);
-      const double there = bulge(K, nearby_.type, z, there_.N[p]);
-      curved_->found->push_back({here, there, gap - here + there, points_.weight.back()});
-    }
-    const Lifted here = lifted(curved_->cut.relief, curved_->cut.relief.heights, f,
-                               shared_curvature(of_cut, of_other), cut_.type(), v, here_.xi[p], n);
-    const Lifted there
-        = lifted(curved_->other.relief, nearby_.heights, other, shared_curvature(of_other, of_cut),
-                 nearby_.type, z, there_.xi[p], (1 / norm(a)) * a);
-    Vec3 n_here = here.normal, n_there = there.normal;
-    // A rigid tool's normals are those of its own surface, whichever part of its curvature is used.
-    if (normals_ == Normals::master && cut_is_slave_)
-      n_there = lifted(curved_->other.relief, nearby_.heights, other, of_other, nearby_.type, z,
-                       there_.xi[p], (1 / norm(a)) * a)
-                    .normal;
-    else if (normals_ == Normals::master)
-      n_here = lifted(curved_->cut.relief, curved_->cut.relief.heights, f, of_cut, cut_.type(), v,
-                      here_.xi[p], n)
-                   .normal;
-    outward = normal((1 / norm(n_here)) * n_here, n_there);
+    const auto of_cut = curved_.cut.heights.value_or(std::span<const double>{});
+    const Lifted here = lifted(of_cut, f, cut_.type(), cut_.facet_x(f), here_.xi[p], n);
+    const Lifted there = lifted(nearby_.heights, other, nearby_.type, nearby_.facet_x(other),
+                                there_.xi[p], (1 / norm(a)) * a);
+    outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
     // Newton's step from each facet along the line to the surface above it. It reaches the surface
     // up to an error of third order.
     const double between = distance - here.height / dot(here.normal, outward_)
@@ -804,23 +789,16 @@ private:
     Vec3 normal;   ///< outward, of the surface; of unit length along the facet's normal
   };
 
-  /// @param heights of all facets' nodes, if they are known, @param K shared curvature, as this
-  /// surface sees it, @param n outward unit normal of the facet
-  static Lifted lifted(const Relief& relief, std::span<const double> heights, std::size_t facet,
-                       const Curvature& K, FacetType type, std::span<const double> v,
-                       std::array<double, 2> xi, const Vec3& n)
+  /// @param heights of all facets' nodes; empty for flat facets
+  /// @param n outward unit normal of the flat facet
+  static Lifted lifted(std::span<const double> heights, std::size_t facet, FacetType type,
+                       std::span<const double> v, std::array<double, 2> xi, const Vec3& n)
   {
-    if (relief.lift == Lift::none)
+    if (heights.empty())
       return {0, n};
     const auto nodes = static_cast<std::size_t>(trace_size(type, 2));
-    const auto known = relief.known ? heights.subspan(facet * nodes, nodes) : heights;
-    const auto height = [&](std::array<double, 2> at)
-    {
-      if (relief.lift == Lift::own)
-        return height_at(type, known, at);
-      const auto N = shape_functions(type, at);
-      return bulge(K, type, v, N) + (relief.known ? vertex_height(type, known, N) : 0.0);
-    };
+    const auto own = heights.subspan(facet * nodes, nodes);
+    const auto height = [&](std::array<double, 2> at) { return height_at(type, own, at); };
     return {height(xi), n - surface_gradient(type, v, xi, height)};
   }
 
@@ -844,7 +822,7 @@ private:
 
   PairingPoints& points_;
   const Surface& cut_;
-  const Curved* curved_; // null if gaps are measured between the facets
+  Curved curved_;
   Record* record_;       // null if only points are needed
   NearbyFacets nearby_;  // of the other surface
   BoxTree tree_;
@@ -881,32 +859,19 @@ private:
 
 PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                           const SearchRadius& radius, Normals normals,
-                                          const OverlayRules& rules, const Relief& slave_relief,
-                                          const Relief& master_relief)
+                                          const OverlayRules& rules, const Heights& slave_heights,
+                                          const Heights& master_heights)
 {
   PairingPoints points(slave, &master);
-  const Lift first = slave_relief.lift, second = master_relief.lift;
-  std::optional<Curved> curved;
-  if (first != Lift::none || second != Lift::none)
-  {
-    const bool shared = first == Lift::shared || second == Lift::shared;
-    curved.emplace(CurvedSide(slave, slave_relief, shared),
-                   CurvedSide(master, master_relief, shared), shared);
-  }
   const double share = both ? 0.5 : 1.0;
-  const auto cut = [&](const Surface& surface, const Surface& other)
-  {
-    const bool is_slave = &surface == &slave;
-    Overlay(points, surface, other, is_slave, share, radius, normals, rules,
-            curved ? &*curved : nullptr)
-        .run();
-  };
-  cut(slave, master);
+  Overlay(points, slave, master, true, share, radius, normals, rules,
+          {{.heights = slave_heights}, {.heights = master_heights}})
+      .run();
   points.num_of_slave = points.size();
-  if (curved)
-    std::swap(curved->cut, curved->other);
   if (both)
-    cut(master, slave);
+    Overlay(points, master, slave, false, share, radius, normals, rules,
+            {{.heights = master_heights}, {.heights = slave_heights}})
+        .run();
   return points;
 }
 
@@ -938,7 +903,7 @@ Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master, bo
   const auto cut = [&](const Surface& surface, const Surface& other)
   {
     Record record{out};
-    Overlay(none, surface, other, &surface == &slave, share, radius, Normals::facet, rules, nullptr,
+    Overlay(none, surface, other, &surface == &slave, share, radius, Normals::facet, rules, {},
             &record)
         .run();
   };
@@ -949,22 +914,17 @@ Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master, bo
   return out;
 }
 
-std::vector<ConformingPoint>
-qsdolfinx::conforming_points(const Surface& slave, const Surface& master,
-                             const SearchRadius& radius, const OverlayRules& rules,
-                             const Relief& slave_relief, const Relief& master_relief, double& area)
+Conforming qsdolfinx::conforming_points(const Surface& slave, const Surface& master,
+                                        const SearchRadius& radius, const OverlayRules& rules,
+                                        std::array<bool, 2> are_flat)
 {
-  PairingPoints points(slave, &master);
-  Curved curved{CurvedSide(slave, slave_relief, true), CurvedSide(master, master_relief, true),
-                true};
-  std::vector<ConformingPoint> out;
-  area = 0;
-  const bool flat = is_flat(slave, curved.cut.curvature),
-             master_flat = is_flat(master, curved.other.curvature);
-  if (flat || master_flat)
-    return out;
-  curved.found = &out;
-  Overlay(points, slave, master, true, 1, radius, Normals::bisector, rules, &curved).run();
-  area = std::accumulate(points.weight.begin(), points.weight.end(), 0.0);
+  Conforming out{PairingPoints(slave, &master), {}};
+  const Curved curved{{{}, facet_curvature(slave), are_flat[0]},
+                      {{}, facet_curvature(master), are_flat[1]},
+                      &out.found};
+  const bool flat = is_flat(slave, *curved.cut.curvature),
+             master_flat = is_flat(master, *curved.other.curvature);
+  if (!flat && !master_flat)
+    Overlay(out.points, slave, master, true, 1, radius, Normals::bisector, rules, curved).run();
   return out;
 }

@@ -4,7 +4,7 @@
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
 #include "pairing/pieces.h"
-#include "surface/relief.h"
+#include "surface/heights.h"
 
 namespace qsdolfinx
 {
@@ -41,12 +41,11 @@ struct OverlayRules
 /// @param radius points further than this from the other surface are left out
 /// @param normals choice of the normals n_p
 /// @param rules quadrature
-/// @param slave_relief, master_relief surface corrections: the part of the height of the curved
-/// surfaces above the facets that is used in gaps
+/// @param slave_heights, master_heights of curved facets, between which gaps are measured
 PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool both,
                                const SearchRadius& radius, Normals normals,
-                               const OverlayRules& rules, const Relief& slave_relief,
-                               const Relief& master_relief);
+                               const OverlayRules& rules, const Heights& slave_heights,
+                               const Heights& master_heights);
 
 /// Compute the pieces of the overlay together with their facets, for updated geometry. Gaps are
 /// measured along the normals of the facets that were cut; the ends of the rays have been solved
@@ -58,20 +57,25 @@ Pieces overlay_pieces(const Surface& slave, const Surface& master, bool both,
 /// A point of the overlay where both surfaces are curved the same way.
 struct ConformingPoint
 {
-  double slave, master; ///< heights of the surfaces above the facets, along the slave's normal,
-                        ///< from the curvature that both share
+  double slave, master; ///< heights of the surfaces above flat facets, along the slave's normal,
+                        ///< from the curvature that both share; 0 on curved facets
   double gap;           ///< gap between the curved surfaces
   double weight;        ///< area
 };
 
-/// Find points of the slave, paired with the master, where both surfaces are curved the same way
-/// with radii that differ by less than a factor of two. Collective.
-/// @param slave_relief, master_relief source of the curvatures
-/// @param area set to the area of all points of the slave that are paired on this rank
-std::vector<ConformingPoint> conforming_points(const Surface& slave, const Surface& master,
-                                               const SearchRadius& radius,
-                                               const OverlayRules& rules,
-                                               const Relief& slave_relief,
-                                               const Relief& master_relief, double& area);
+/// Points of the slave that are paired with the master, and those where both surfaces are curved
+/// the same way with radii that differ by less than a factor of two.
+struct Conforming
+{
+  PairingPoints points; ///< `gap` is the change of the gap by the chord errors of flat facets
+  std::vector<ConformingPoint> found;
+};
+
+/// Find the points where both surfaces are curved the same way, from the angles between their
+/// facets. Collective. @param are_flat whether gaps are measured from flat facets of slave and
+/// master
+Conforming conforming_points(const Surface& slave, const Surface& master,
+                             const SearchRadius& radius, const OverlayRules& rules,
+                             std::array<bool, 2> are_flat);
 
 } // namespace qsdolfinx

@@ -1,5 +1,6 @@
 #include "pairing/rigid.h"
 #include "parallel/records.h"
+#include "surface/curvature.h"
 
 #include <algorithm>
 #include <stdexcept>
@@ -62,17 +63,17 @@ PairingPoints qsdolfinx::sample_facets(const Surface& slave, const Rule& rule)
   return out;
 }
 
-std::vector<double> qsdolfinx::heights_at(const Surface& surface, const Relief& relief,
+std::vector<double> qsdolfinx::heights_at(const Surface& surface, const Heights& heights,
                                           const Rule& rule)
 {
   const FacetType type = surface.type();
   const auto nodes = static_cast<std::size_t>(trace_size(type, 2));
-  const auto K = relief.known ? std::vector<Curvature>{} : facet_curvature(surface);
+  const auto K = heights ? std::vector<Curvature>{} : facet_curvature(surface);
   std::vector<double> out;
   for (std::size_t f = 0; f < surface.num_facets(); ++f)
     for (const auto& xi : rule.x)
-      out.push_back(relief.known
-                        ? height_at(type, relief.heights.subspan(f * nodes, nodes), xi)
+      out.push_back(heights
+                        ? height_at(type, heights->subspan(f * nodes, nodes), xi)
                         : bulge(K[f], type, surface.facet_x(f), shape_functions(type, xi)));
   return out;
 }

@@ -3,7 +3,7 @@
 
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
-#include "surface/relief.h"
+#include "surface/heights.h"
 
 namespace qsdolfinx
 {
@@ -20,9 +20,9 @@ PairingPoints sample_vertices(const Surface& slave, std::span<const std::uint8_t
 /// and gap 0. @param rule points on the reference facet, weights sum to 1
 PairingPoints sample_facets(const Surface& slave, const Rule& rule);
 
-/// Height of the surface that the facets approximate above these points, along its outward normal.
-/// Collective.
-std::vector<double> heights_at(const Surface& surface, const Relief& relief, const Rule& rule);
+/// Heights of curved facets above these points along outward normals, or, without heights, of the
+/// surface that the flat facets approximate. Collective.
+std::vector<double> heights_at(const Surface& surface, const Heights& heights, const Rule& rule);
 
 /// Set normals and gaps, and remove points that have no point of the tool opposite. A node or facet
 /// that loses all its points counts as unpaired.

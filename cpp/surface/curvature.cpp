@@ -28,6 +28,7 @@ struct Corner
   Vec3 weighted;             ///< with Max's weight; in 2D 1/length, which is the same for a circle
   double angle;              ///< of the facet at the vertex
   std::array<Vec3, 2> edges; ///< to the neighbours
+  Vec3 diagonal;             ///< of a quadrilateral, to the opposite vertex
 };
 
 /// Data of the surface at a vertex, computed by the vertex's owner for one facet.
@@ -51,15 +52,18 @@ Corner corner(const Surface& surface, std::size_t f, int i)
              b = facet_vertex(v, k) - facet_vertex(v, i);
   const Vec3 n = surface.normal(f, facet_centre(type));
   if (type == FacetType::interval)
-    return {n, (1 / norm(a)) * n, std::numbers::pi, {a, b}};
+    return {n, (1 / norm(a)) * n, std::numbers::pi, {a, b}, {}};
+  const Vec3 d
+      = type == FacetType::triangle ? Vec3{} : facet_vertex(v, 3 - i) - facet_vertex(v, i);
   const Vec3 c = cross(a, b);
   if (norm(c) == 0) // the edges are collinear
-    return {n, {0, 0, 0}, std::numbers::pi, {a, b}};
+    return {n, {0, 0, 0}, std::numbers::pi, {a, b}, d};
   const double side = dot(c, n) < 0 ? -1 : 1; // the neighbours may be in either order
   return {(side / norm(c)) * c,
           (side / (dot(a, a) * dot(b, b))) * c,
           std::atan2(norm(c), dot(a, b)),
-          {a, b}};
+          {a, b},
+          d};
 }
 
 /// Correct a normal by a least-squares fit of a quadric to the neighbouring vertices: with t₁, t₂
@@ -128,6 +132,8 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
         around.push_back(corners[s].edges[i]);
       seen.push_back(edges[2 * s + i]);
     }
+    if (type == FacetType::quadrilateral)
+      around.push_back(corners[s].diagonal);
   }
   const double length = norm(sum);
   Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
@@ -161,7 +167,7 @@ std::vector<Vertex> look_around(const Surface& surface, bool fit)
       told.insert(told.end(), first, first + 3);
       told.insert(told.end(), c.weighted.begin(), c.weighted.end());
       told.push_back(c.angle);
-      for (const Vec3& edge : c.edges)
+      for (const Vec3& edge : {c.edges[0], c.edges[1], c.diagonal})
         told.insert(told.end(), edge.begin(), edge.end());
       const auto [j, k] = neighbours(surface.type(), i);
       for (int vertex : {i, j, k})
@@ -181,7 +187,8 @@ std::vector<Vertex> look_around(const Surface& surface, bool fit)
     corners.push_back({{c[0], c[1], c[2]},
                        {c[3], c[4], c[5]},
                        c[6],
-                       {Vec3{c[7], c[8], c[9]}, Vec3{c[10], c[11], c[12]}}});
+                       {Vec3{c[7], c[8], c[9]}, Vec3{c[10], c[11], c[12]}},
+                       {c[13], c[14], c[15]}});
     edges.insert(edges.end(), {named[3 * r + 1], named[3 * r + 2]});
     order.push_back(r);
   }
@@ -330,47 +337,7 @@ Curvature curvature_of(const Surface& surface, std::size_t f, std::span<const Ve
       }
   return fit.solve();
 }
-
-/// Curvature of the surface with these heights above a facet's nodes.
-Curvature curvature_under(const Surface& surface, std::size_t f, std::span<const double> heights)
-{
-  const auto v = surface.facet_x(f);
-  const FacetType type = surface.type();
-  const Vec3 n = surface.normal(f, facet_centre(type));
-  const double size = surface.facets().size[f];
-  const int nv = static_cast<int>(type);
-  Fit fit(n, facet_vertex(v, 1) - facet_vertex(v, 0));
-  const auto add = [&](int i, int j, double middle)
-  {
-    const double sagitta = middle - (heights[i] + heights[j]) / 2;
-    fit.add((1 / size) * (facet_vertex(v, j) - facet_vertex(v, i)), 8 * sagitta / (size * size));
-  };
-  int next = nv;
-  for (const auto& [a, b] : facet_edges(type))
-    add(a, b, heights[next++]);
-  if (type == FacetType::quadrilateral)
-  {
-    const Vec3 centre = facet_point(type, v, facet_centre(type));
-    for (int i : {0, 1})
-    {
-      const Vec3 middle = 0.5 * (facet_vertex(v, i) + facet_vertex(v, 3 - i));
-      add(i, 3 - i, heights[next] + dot(centre - middle, n));
-    }
-  }
-  return fit.solve();
-}
 } // namespace
-
-std::vector<Curvature> qsdolfinx::curvature_of_heights(const Surface& surface,
-                                                       std::span<const double> heights)
-{
-  const auto nodes = static_cast<std::size_t>(trace_size(surface.type(), 2));
-  std::vector<Curvature> out;
-  out.reserve(surface.num_facets());
-  for (std::size_t f = 0; f < surface.num_facets(); ++f)
-    out.push_back(curvature_under(surface, f, heights.subspan(f * nodes, nodes)));
-  return out;
-}
 
 std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
 {

@@ -27,12 +27,6 @@ std::vector<Curvature> facet_curvature(const Surface& surface);
 /// the same slopes as in facet_curvature and exact on circles. Collective.
 std::vector<double> edge_heights(const Surface& surface);
 
-/// Curvature of a surface with the given heights above this rank's facets.
-/// @param heights along the outward normals at the nodes of trace_functions of degree 2,
-/// [facet][node]
-std::vector<Curvature> curvature_of_heights(const Surface& surface,
-                                            std::span<const double> heights);
-
 /// e·K e.
 double along(const Curvature& K, const Vec3& e);
 

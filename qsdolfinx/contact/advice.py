@@ -17,7 +17,6 @@ from qsdolfinx.contact.findings import Check, tell
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
-from qsdolfinx.pairing.relief import Smoothing
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_shape
 
 Array = npt.NDArray[np.float64]
@@ -236,48 +235,39 @@ class ChordErrors(typing.NamedTuple):
     gap: float
 
 
-def chord_errors(settings: Settings, thin: float = 0.0) -> ChordErrors | None:
+def chord_errors(settings: Settings) -> ChordErrors | None:
     """Chord errors that change gaps significantly at the first contact detection, or None.
 
     Collective.
 
     Args:
         settings: A contact with normal gaps.
-        thin: Clearance or interference, in units of the largest facet, up to which all chord
-            errors count.
     """
     slave, sampling, master = settings.slave, settings.sampling, settings.master
-    smoothing, analytic = sampling.smoothing, master.is_analytic
-    assert smoothing is not None
-    flat = flat_sides(settings)
-    exact = analytic and sampling.quadrature == "nodal"
-    if exact or not flat.any():
+    exact = master.is_analytic and sampling.quadrature == "nodal"
+    if exact or not any(flat_sides(settings)):
         return None
     degree = degree_of_rule(slave, master, follows=False)
-    found = find_conforming(slave, master, degree, radius_of(settings), smoothing)
+    found = find_conforming(slave, master, degree, radius_of(settings), sampling.follows)
     if found.part < FEW:
         return None
-    bulges = found.bulges * flat  # gaps measured from a curved surface have no chord errors
+    bulges = found.bulges
     local = bulges[:, 0], bulges[:, 1], bulges[:, 0] - bulges[:, 1], found.gap
     largest = np.array([np.max(np.abs(values), initial=0.0) for values in local])
     slave.comm.Allreduce(MPI.IN_PLACE, largest, op=MPI.MAX)
     error, gap = map(float, largest[2:])
     if error <= SINGLE * settings.facet_size:
         return None
-    if gap >= max(error / COARSE, thin * settings.largest_facet):
+    if gap >= error / COARSE:
         return None
     if not _vary_with(slave.comm, found.gap, bulges[:, 0] - bulges[:, 1]):
         return None
     return ChordErrors(largest[:2], error, gap)
 
 
-def flat_sides(settings: Settings) -> npt.NDArray[np.bool_]:
-    """Whether gaps are measured from the uncorrected facets of slave and master."""
-    smoothing, analytic = settings.sampling.smoothing, settings.master.is_analytic
-    assert smoothing is not None
-    return np.array(
-        [not smoothing.covers(side) for side in _with_facets(settings)] + [False] * analytic
-    )
+def flat_sides(settings: Settings) -> list[bool]:
+    """Whether contact treats the facets of slave and master, as far as they have some, as flat."""
+    return [settings.sampling.heights(side) is None for side in _with_facets(settings)]
 
 
 def _with_facets(settings: Settings) -> tuple[AnySurface, ...]:
@@ -292,12 +282,7 @@ def chords(model: ContactModel) -> str:
     if found is None:
         return ""
     finer = _finer(model, found)
-    cure = 'smoothing="shared-curvature"'
-    if settings.sampling.quadrature != "overlay":
-        cure += ' with quadrature="overlay"'
-    cures = [cure, finer]
-    if settings.sliding == "finite":
-        cures = [_bent(_with_facets(settings), flat_sides(settings)), finer or "finer facets"]
+    cures = [bent(settings), finer]
     return f"{_text(settings, found)}: take {', or '.join(filter(None, cures))}"
 
 
@@ -316,32 +301,6 @@ def _text(settings: Settings, found: ChordErrors) -> str:
     return (
         f"facets: where the surfaces are curved the same way, the {chords} the gap by up to "
         f"{error:.2g}{beside}"
-    )
-
-
-def smoothed(settings: Settings) -> Settings:
-    """Same settings, with gaps between the curved surfaces that facets approximate. Collective."""
-    both = "shared-curvature", None if settings.master.is_analytic else "shared-curvature"
-    smoothing = Smoothing(settings.slave, settings.master, both)
-    return dataclasses.replace(settings, sampling=settings.sampling._replace(smoothing=smoothing))
-
-
-def tell_smoothed(model: ContactModel, found: ChordErrors) -> None:
-    """Warn that gaps are measured between curved surfaces. Collective.
-
-    Args:
-        model: The contact.
-        found: The chord errors that are the reason.
-    """
-    finer = _finer(model, found)
-    tell(
-        model,
-        "curved surfaces",
-        f"{_text(model.settings, found)}: gaps are measured between the curved surfaces, as with "
-        f'smoothing="shared-curvature"{finer and f"; {finer} need none"}; if the bodies are as '
-        'flat as their facets, write smoothing="none". With this smoothing, sliding stays small: '
-        "if the bodies slide by more than a part of a facet in a step, take meshes of degree 2, "
-        "see qs.elevate, and displacements of degree 2",
     )
 
 
@@ -364,20 +323,23 @@ def _vary_with(comm: MPI.Intracomm, gap: Array, error: Array) -> bool:
     return bool(n * eg - e * g > 0.5 * (n * ee - e * e))
 
 
-def _bent(sides: typing.Sequence[AnySurface], flat: npt.NDArray[np.bool_]) -> str:
-    """Text of the remedies by which contact uses curved facets, for a warning.
-
-    Args:
-        sides: Slave and master.
-        flat: Sides whose facets contact treats as flat.
-    """
-    treated = [side for side, is_flat in zip(sides, flat, strict=False) if is_flat]
-    if any(side.heights is None for side in treated):
-        return "meshes of degree 2, as qs.elevate makes them, and displacements of degree 2"
-    return (
-        'displacements of degree 2, since sliding="finite" treats facets as flat if displacements '
-        'are of degree 1, or sliding="small"'
-    )
+def bent(settings: Settings) -> str:
+    """Text of the remedy by which contact is between curved facets, for a warning."""
+    sides = _with_facets(settings)
+    flat = [side for side, is_flat in zip(sides, flat_sides(settings), strict=True) if is_flat]
+    bodies, cures = [body for side in flat for body in side.bodies], []
+    if any(body.heights is None for body in bodies):
+        cure = "meshes of degree 2, msh = qs.elevate(msh, facet_tags, tag)"
+        cure += ", and displacements of degree 2" * settings.sampling.follows
+        cures = [cure + ' with quadrature="overlay"' * (settings.sampling.quadrature != "overlay")]
+    elif bodies:
+        cures = [
+            'displacements of degree 2, since sliding="finite" treats facets as flat if '
+            'displacements are of degree 1, or sliding="small"'
+        ]
+    if len(flat) > len(bodies):
+        cures.append("finer facets of the tool")
+    return ", and ".join(cures)
 
 
 def _finer(model: ContactModel, found: ChordErrors) -> str:

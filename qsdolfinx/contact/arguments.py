@@ -11,7 +11,6 @@ from dolfinx import fem
 from qsdolfinx.base.checks import FINITE, check, either, instance, require
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Conductance, Law, Tied, Unilateral
-from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid
 
@@ -179,21 +178,11 @@ def check_memory(
     require(penalty != "auto", f'{text}; "auto" differs on each mesh')
 
 
-def check_smoothing(sides: tuple[Side, Side], quadrature: str) -> None:
-    """Raise an error for smoothing where the gap is not measured between facets."""
-    require(
-        sides == (None, None) or quadrature == "overlay",
-        "smoothing: nodal quadrature does not measure the gap of the facets between nodes; "
-        'use quadrature="overlay"',
-    )
-
-
 def check_sliding(
     sliding: str,
     quadrature: str,
     normals: str,
     constraints: str,
-    sides: tuple[Side, Side],
     law: Law,
 ) -> None:
     """Raise an error for arguments that are not available with finite sliding."""
@@ -206,7 +195,6 @@ def check_sliding(
         'from facet to facet; use quadrature="overlay"',
     )
     require(normals == "facet", of + 'measures gaps along normals of facets; leave out "normals"')
-    require(sides == (None, None), of + "measures gaps between facets; leave out smoothing")
     at_points = law.jump or constraints == "points"
     require(at_points, f'constraints: {of}asks the law at points; leave out constraints="nodes"')
 
@@ -215,7 +203,6 @@ def check_itself(
     formulation: str,
     quadrature: str,
     law: Law,
-    sides: tuple[Side, Side],
     unknown: str | typing.Sequence[str],
 ) -> None:
     """Raise an error for arguments that are not available for self-contact."""
@@ -229,7 +216,6 @@ def check_itself(
         f'quadrature: {of}is decided facet by facet; use quadrature="overlay"',
     )
     require(not law.jump, f"law: {of}cannot be tied; give the two parts as two surfaces")
-    require(sides == (None, None), f"smoothing: {of}measures gaps between facets")
     alike = isinstance(unknown, str) or len(set(unknown)) == 1
     require(alike, f"unknown: {of}has one body, with one kind of unknowns")
 

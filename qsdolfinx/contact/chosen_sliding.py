@@ -14,7 +14,6 @@ from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.model import ContactModel, Settings
 from qsdolfinx.gap.following import follows
 from qsdolfinx.pairing.pair import degree_of_rule
-from qsdolfinx.pairing.relief import Smoothing
 
 
 def let_follow(models: typing.Sequence[ContactModel]) -> None:
@@ -101,6 +100,6 @@ def _finite(settings: Settings) -> Settings:
     sampling = sampling._replace(
         degree=sampling.degree if sampling.degree_is_given else degree_of_rule(*sides, updated),
         normals="facet",
-        smoothing=Smoothing(*sides, (None, None), updated),
+        follows=updated,
     )
     return dataclasses.replace(settings, sliding="finite", sampling=sampling)

@@ -15,7 +15,7 @@ from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.contact import memory, motion, multipliers, overclosed
-from qsdolfinx.contact.advice import AT_FIRST, tell_smoothed
+from qsdolfinx.contact.advice import AT_FIRST
 from qsdolfinx.contact.arguments import SLAVE
 from qsdolfinx.contact.findings import look
 from qsdolfinx.contact.making import Arguments, choose, make
@@ -28,7 +28,6 @@ from qsdolfinx.contact.shown import keep, shown
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.pairing.points import Pairing
-from qsdolfinx.pairing.relief import Side
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface
 
@@ -77,7 +76,7 @@ class Contact:
             This needs the overlay and facet normals. By default sliding is small. It becomes finite
             when the contact is used in a problem in which the form of one of its bodies is
             nonlinear, or in a :class:`qs.TimeStepper`. It stays small with velocity-based bodies,
-            tools that a moment drives, the nodal rule, ``constraints="nodes"``, ``smoothing``,
+            tools that a moment drives, the nodal rule, ``constraints="nodes"``,
             ``normals="bisector"``, for contacts that have already been solved, where meshes of
             degree 2 with displacements of degree 1 touch surfaces that are curved alike, and, in
             3D, where sharp edges are near edges of the other side and reach it before their facets
@@ -137,19 +136,7 @@ class Contact:
             default on the overlay with small sliding, and with friction: along a tilted facet
             normal, closing a gap would count as slip). Bisectors are for two deformable bodies. A
             rigid tool, of facets or analytic, always gives its own normals, at the closest or
-            opposite point; if the tool is smoothed, they are the normals of the smooth surface.
-        smoothing: Surfaces between which the gap is measured, on the overlay: one value for both
-            sides, or a pair for slave and master. ``"auto"``: the facets; with small sliding
-            ``"shared-curvature"``, with a warning, where both sides are curved the same way and
-            chord errors change the gap by more than a tenth of the clearance or interference.
-            ``"none"`` or None: the facets; those of a mesh of degree 2 are curved.
-            ``"shared-curvature"``: the curved surfaces that the facets approximate, as far as both
-            sides share their curvature, which is found from the angles between neighbouring facets.
-            Sharp edges of more than 30° stay. A named surface, such as ``qs.smooth.Cylinder``: the
-            surface on which the vertices of the side are when the contact is made; it moves with
-            the facets. Chord errors are then not part of the gap on conforming surfaces of
-            non-matching meshes, such as shrink fits and journal bearings, or of a slave on an
-            analytic tool. (The tool itself needs no smoothing.) A tie leaves any gap as it is.
+            opposite point.
         unknown: Unknowns of the bodies: ``"displacement"`` or ``"velocity"``, (2) and (3), or a
             pair for slave and master, such as ``("velocity", "displacement")`` for a forged
             workpiece and an elastic die.
@@ -161,6 +148,7 @@ class Contact:
             rigid tool with a mesh of its own for the field, the field has its own contact
             detection, at the positions of the meshes.
         of: Former name of ``mechanics``.
+        smoothing: Removed, see :func:`qs.elevate`: any value but None is an error.
 
     Surfaces on scalar spaces, such as temperatures, have no gaps: ``qs.Tied()``, the default, makes
     the field continuous, and ``qs.Conductance(h)`` lets a flux h ⟦T⟧ through. λ, with the sign of
@@ -169,8 +157,7 @@ class Contact:
 
     Raises:
         ValueError: If a name is unknown, the penalty or the radius is not positive, the two
-            surfaces share facets or differ in dimension or communicator, or vertices are not on the
-            surface that is named for them.
+            surfaces share facets or differ in dimension or communicator.
         TypeError: If a surface or the law is of another type.
 
     Warns:
@@ -207,12 +194,12 @@ class Contact:
         quadrature: str = "overlay",
         quadrature_degree: int | None = None,
         normals: str | None = None,
-        smoothing: Side | tuple[Side, Side] = "auto",
         # What unknowns mean.
         unknown: str | typing.Sequence[str] = "displacement",
         dt: float | None = None,
         mechanics: Contact | None = None,
         of: Contact | None = None,
+        smoothing: None = None,
     ) -> None:
         check(SLAVE, slave=slave)
         given = Arguments(
@@ -233,20 +220,16 @@ class Contact:
             quadrature,
             quadrature_degree,
             normals,
-            smoothing,
             unknown,
             dt,
             mechanics,
             of,
+            smoothing,
         )
-        made = make(choose(given))
-        self.model: ContactModel = made.model
+        self.model: ContactModel = make(choose(given))
         self.results = ContactResults(self.model)
-        self._smoothing = made.smoothing
         motion.pair_anew(self.model)
         look(self.model, AT_FIRST)
-        if made.alike is not None:
-            tell_smoothed(self.model, made.alike)
 
     def __repr__(self) -> str:
         """Its name, formulation and surfaces."""
@@ -258,7 +241,7 @@ class Contact:
 
     def __setattr__(self, name: str, value: typing.Any) -> None:
         """Refuse to set arguments and results."""
-        if name not in ("model", "results", "_smoothing"):
+        if name not in ("model", "results"):
             how = {"penalty": "set_penalty(ε)", "dt": "set_dt(Δt)"}.get(name)
             remedy = f"call {how}" if how else "make another contact"
             raise AttributeError(f"contact.{name}: cannot be set; {remedy}")
@@ -321,7 +304,7 @@ class Contact:
     @property
     def settings(self) -> ContactSettings:
         """All arguments, with the values chosen for those not given, and the present Δt."""
-        return settings_of(self.model, self._smoothing)
+        return settings_of(self.model)
 
     # --- Pairing
 

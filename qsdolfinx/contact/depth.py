@@ -28,7 +28,6 @@ from qsdolfinx.pairing.distance import (
     on_facets,
     overlay_points,
 )
-from qsdolfinx.pairing.relief import Relief
 from qsdolfinx.surface.affine import affine_vec
 
 Array = npt.NDArray[np.float64]
@@ -159,29 +158,29 @@ def _sample(model: ContactModel) -> list[tuple[str, Distances]]:
     placement, radius = model.placement, model.paired.search_radius
     sampling, gdim = model.settings.sampling, model.slave.gdim
     sides = (model.slave, model.master)
-    if any(s.degree > 1 for s in sides) and any(sampling.covers(s) for s in sides):
+    heights = sampling.heights(model.slave), sampling.heights(model.master)
+    curved = any(h is not None for h in heights)
+    if curved and any(s.degree > 1 for s in sides):
         return [("slave", depths_of_points(model, gap)) for gap in model.gaps[:1]]
     slave, other = placement.slave.facets(), placement.master
     if is_analytic(other):
         points = [_cpp.sample_nodes(slave)]
-        if sampling.quadrature == "overlay" and not sampling.covers(model.slave):
+        if sampling.quadrature == "overlay" and not curved:
             points.append(on_facets(slave, model.slave.num_facet_vertices))
         return [("slave", from_shape(other.tool, other.positions(), p, radius)) for p in points]
     surfaces = slave, other.facets()
     if model.with_itself:
         return [("slave", _depths_in_itself(_pairs_with_itself(model, *surfaces)))]
-    lifts = tuple(sampling.deformed_relief(s) for s in (model.slave, model.master))
-    smooth = any(relief.lift for relief in lifts)
     out: list[tuple[str, Distances]] = []
     for i, side in enumerate(SIDES):
         own, opposite = surfaces[i], surfaces[1 - i]
-        if not smooth:
+        if not curved:
             out.append((side, of_nodes(own, opposite, radius)))
         if sampling.quadrature == "overlay":
-            found = overlay_points(own, opposite, gdim, radius, (lifts[i], lifts[1 - i]))
+            found = overlay_points(own, opposite, gdim, radius, (heights[i], heights[1 - i]))
             x, none = found.slave["x"], np.zeros(found.size, dtype=bool)
             between = Distances(x, -found.gap, none)
-            if not smooth:
+            if not curved:
                 between = of_points(x, found.normal, own, opposite, radius)
             out.append((side, between))
     return out
@@ -191,8 +190,8 @@ def _pairs_with_itself(
     model: ContactModel, own: _cpp.Surface, same: _cpp.Surface
 ) -> _cpp.PairingPoints:
     """Contact points of a surface with itself, given as two equal surfaces. Collective."""
-    none, radius = Relief.unknown("none"), model.paired.search_radius
-    return overlay_points(own, same, model.slave.gdim, radius, (none, none), of_itself=True)
+    radius = model.paired.search_radius
+    return overlay_points(own, same, model.slave.gdim, radius, of_itself=True)
 
 
 def _depths_in_itself(points: _cpp.PairingPoints) -> Distances:

@@ -7,12 +7,11 @@ import typing
 
 from mpi4py import MPI
 
-from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of
+from qsdolfinx.base.checks import POSITIVE, Kind, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import renamed
 from qsdolfinx.contact import bodies, conduction
 from qsdolfinx.contact.across import BodiesContact, check_of, shares_pairs
-from qsdolfinx.contact.advice import THIN, ChordErrors, chord_errors, smoothed
 from qsdolfinx.contact.arguments import (
     Given,
     check_constraints,
@@ -24,7 +23,6 @@ from qsdolfinx.contact.arguments import (
     check_memory,
     check_of_use,
     check_sliding,
-    check_smoothing,
     check_surfaces,
     default_constraints,
     default_enforcement,
@@ -41,7 +39,6 @@ from qsdolfinx.gap.overclosure import Overclosure
 from qsdolfinx.gap.rows import CONSTRAINTS
 from qsdolfinx.pairing.facets import SharpNodes, has_creases
 from qsdolfinx.pairing.pair import NORMALS, QUADRATURES, Sampling, check_quadrature
-from qsdolfinx.pairing.relief import Smoothing, sides_of
 from qsdolfinx.surface.itself import boundary_of
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
@@ -51,6 +48,12 @@ NAME = Kind(
 SLIDING = ("small", "finite")
 FORMULATIONS = ("master-slave", "double-pass", "quasi-symmetric")
 ENFORCEMENTS = ("penalty", "augmented-lagrangian")
+
+NO_SMOOTHING = (
+    "smoothing: has been removed, leave it out; contact is between curved facets on meshes of "
+    "degree 2: msh = qs.elevate(msh, facet_tags, tag), with shape=qs.smooth.Cylinder(...) or "
+    "another one for a known surface"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,21 +77,16 @@ class Arguments:
     quadrature: typing.Any
     quadrature_degree: typing.Any
     normals: typing.Any
-    smoothing: typing.Any
     unknown: typing.Any
     dt: typing.Any
     mechanics: typing.Any
     of: typing.Any
+    smoothing: typing.Any
 
     @property
     def itself(self) -> bool:
         """Whether slave and master are one boundary."""
         return self.master is self.slave
-
-    @property
-    def is_automatic(self) -> bool:
-        """Whether the contact chooses the surfaces between which gaps are measured."""
-        return isinstance(self.smoothing, str) and self.smoothing == "auto"
 
     @property
     def augmented(self) -> bool:
@@ -102,14 +100,12 @@ class Chosen(typing.NamedTuple):
     Attributes:
         given: The arguments.
         degree: Degree of the quadrature rule on the segments of the overlay.
-        sides: Surfaces between which gaps are measured, for slave and master.
         sliding_is_given: Whether the user has set ``sliding``.
         may_follow: Whether a problem may change the contact to finite sliding.
     """
 
     given: Arguments
     degree: int
-    sides: typing.Any
     sliding_is_given: bool
     may_follow: bool
 
@@ -129,6 +125,7 @@ def choose(a: Arguments) -> Chosen:
         a = dataclasses.replace(a, law=Tied() if a.slave.is_scalar else Unilateral())
     with checked(a.slave.comm) as same:
         a = dataclasses.replace(a, mechanics=renamed("of", "mechanics", a.of, a.mechanics))
+        require(a.smoothing is None, NO_SMOOTHING)
         check_surfaces(a.slave, a.master)
         same(slave="scalar" if a.slave.is_scalar else "vector")
         same(master="the slave" if a.itself else type(a.master).__name__)
@@ -203,49 +200,23 @@ def _choose_sliding(a: Arguments, degree: int, same: typing.Any) -> Chosen:
         averaging = a.quadrature == "overlay" or a.friction is not None
         normals = "bisector" if averaging and sliding == "small" else "facet"
     same(one_of(NORMALS), normals=normals)
-    sides = sides_of("none" if a.is_automatic else a.smoothing, a.master)
-    same(smoothing=(a.is_automatic, sides))
-    check_smoothing(sides, a.quadrature)
     constraints = a.constraints
     if constraints is None:
         constraints = default_constraints(
             a.quadrature, a.formulation, a.law, a.enforcement, sliding
         )
     check_memory(a.law, a.friction, a.enforcement, a.penalty)
-    check_sliding(sliding, a.quadrature, normals, constraints, sides, a.law)
+    check_sliding(sliding, a.quadrature, normals, constraints, a.law)
     if a.itself:
-        check_itself(a.formulation, a.quadrature, a.law, sides, a.unknown)
+        check_itself(a.formulation, a.quadrature, a.law, a.unknown)
     Overclosure(a.initial_overclosure)  # which checks it
     a = dataclasses.replace(a, sliding=sliding, normals=normals, constraints=constraints)
-    return Chosen(a, degree, sides, is_given, may_follow)
+    return Chosen(a, degree, is_given, may_follow)
 
 
-class Made(typing.NamedTuple):
-    """A contact before its first contact detection.
-
-    Attributes:
-        model: Its parts.
-        smoothing: Surfaces between which its gaps are measured, as the value of ``smoothing``.
-        alike: Chord errors because of which gaps are measured between curved surfaces; None for
-            none.
-    """
-
-    model: ContactModel
-    smoothing: typing.Any
-    alike: ChordErrors | None
-
-
-def make(chosen: Chosen) -> Made:
-    """Make the parts of a contact. Collective."""
-    a, settings, alike = chosen.given, _settings(chosen), None
-    smoothing = a.smoothing
-    if a.is_automatic:
-        may_be = (a.quadrature, a.sliding) == ("overlay", "small")
-        may_be &= settings.type is ContactType.NORMAL
-        alike = chord_errors(settings, THIN) if may_be else None
-        smoothing = "none"
-    if alike is not None:
-        settings, smoothing = smoothed(settings), "shared-curvature"
+def make(chosen: Chosen) -> ContactModel:
+    """Make the parts of a contact, before its first contact detection. Collective."""
+    a, settings = chosen.given, _settings(chosen)
     needs_dt = a.friction is not None and a.friction.needs_dt
     if isinstance(a.law, Conductance) and a.law.friction is not None:
         needs_dt = a.mechanics is None or a.mechanics.model.kinematics.dt is None
@@ -269,13 +240,9 @@ def make(chosen: Chosen) -> Made:
     physics = conduction if a.slave.is_scalar else bodies
     model = ContactModel(settings, physics, kinematics, penalty, overclosure, friction, mechanics)
     model.sliding_is_given = chosen.sliding_is_given
-    model.sliding_is_open = (
-        chosen.may_follow
-        and chosen.sides == (None, None)
-        and alike is None
-        and (a.law.jump or a.constraints == "points")
-    )
-    return Made(model, smoothing, alike)
+    at_points = a.law.jump or a.constraints == "points"
+    model.sliding_is_open = chosen.may_follow and at_points
+    return model
 
 
 def _settings(chosen: Chosen) -> Settings:
@@ -295,7 +262,7 @@ def _settings(chosen: Chosen) -> Settings:
             a.quadrature,
             chosen.degree,
             a.normals,
-            Smoothing(slave, master, chosen.sides, chosen.follows),
+            chosen.follows,
             a.quadrature_degree is not None,
         ),
         radius if radius is None or isinstance(radius, str) else float(radius),

@@ -34,7 +34,7 @@ from qsdolfinx.pairing.edges import edges_of
 from qsdolfinx.pairing.facets import SharpNodes
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.points import Pairing
-from qsdolfinx.pairing.relief import check_curved
+from qsdolfinx.pairing.curved import check_curved
 from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface

@@ -13,7 +13,7 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import NOTICED
 from qsdolfinx.contact import results
 from qsdolfinx.contact.active_set import num_closed
-from qsdolfinx.contact.advice import chords
+from qsdolfinx.contact.advice import bent, chords
 from qsdolfinx.contact.contact_type import ContactType
 from qsdolfinx.contact.depth import DeepPlace, deepest
 from qsdolfinx.contact.fields import faced
@@ -343,7 +343,7 @@ def _advice(model: ContactModel, depth: float) -> str:
         return ""
     cure = "take finer facets"
     if chords(model):
-        return f'facets approximate curves: {cure}, or smoothing with quadrature="overlay"'
+        return f'facets approximate curves: {cure}, or {bent(settings)}'
     if at_points:
         return f"facets are too coarse for the other surface, their points penetrate: {cure}"
     cure += ', or constraints="points"'

@@ -7,7 +7,6 @@ import dataclasses
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.laws import Friction
 from qsdolfinx.gap.laws import Law
-from qsdolfinx.pairing.relief import Side
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +33,6 @@ class ContactSettings:
         quadrature: ``"nodal"`` or ``"overlay"``.
         quadrature_degree: Degree of the rule on the segments of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
-        smoothing: Surfaces between which gaps are measured, see :class:`qs.Contact`.
         unknown: ``"displacement"`` or ``"velocity"``, of the slave's and the master's body.
         dt: Δt (time); None if nothing depends on it.
     """
@@ -56,12 +54,11 @@ class ContactSettings:
     quadrature: str
     quadrature_degree: int
     normals: str
-    smoothing: Side | tuple[Side, Side]
     unknown: tuple[str, str]
     dt: float | None
 
 
-def settings_of(model: ContactModel, smoothing: Side | tuple[Side, Side]) -> ContactSettings:
+def settings_of(model: ContactModel) -> ContactSettings:
     """Those of a contact as it is now."""
     settings = model.settings
     friction = model.friction
@@ -83,7 +80,6 @@ def settings_of(model: ContactModel, smoothing: Side | tuple[Side, Side]) -> Con
         settings.sampling.quadrature,
         settings.sampling.degree,
         settings.sampling.normals,
-        smoothing,
         model.kinematics.unknown,
         model.kinematics.dt,
     )

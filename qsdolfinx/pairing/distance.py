@@ -11,7 +11,6 @@ import basix
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.pair import overlay_rules
-from qsdolfinx.pairing.relief import Relief
 from qsdolfinx.tools.rigid_surface import RigidSurface
 
 Array = npt.NDArray[np.float64]
@@ -81,7 +80,7 @@ def overlay_points(
     other: _cpp.Surface,
     gdim: int,
     radius: float,
-    reliefs: tuple[Relief, Relief],
+    heights: tuple[Array | None, Array | None] = (None, None),
     of_itself: bool = False,
 ) -> _cpp.PairingPoints:
     """Points on the facets of a surface that face the other surface. Collective.
@@ -91,15 +90,14 @@ def overlay_points(
         other: The other surface.
         gdim: Geometric dimension.
         radius: Search distance (length).
-        reliefs: Surface corrections for curvature of both surfaces.
+        heights: Heights of curved facets of both surfaces; None for flat facets.
         of_itself: Whether both surfaces are the same (self-contact). Then there are also points on
             the other surface, and more points, because its nodes are not searched.
     """
     of_facets = 0  # normals
     rules = overlay_rules(gdim, OF_ITSELF if of_itself else DEGREE)
-    first, second = reliefs
     reach = _cpp.SearchRadius(radius)
-    return _cpp.overlay_surfaces(cut, other, of_itself, reach, of_facets, *rules, *first, *second)
+    return _cpp.overlay_surfaces(cut, other, of_itself, reach, of_facets, *rules, *heights)
 
 
 def from_shape(

@@ -13,7 +13,6 @@ import basix
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.pairing.points import with_unknowns_alone
-from qsdolfinx.pairing.relief import LIFTS, Relief, Smoothing
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, RigidSurface, is_rigid, is_shape
 
@@ -27,20 +26,20 @@ KINDS_OF_NORMALS = (*NORMALS, OF_TOOL)
 
 
 class Sampling(typing.NamedTuple):
-    """Quadrature points, normals and surface corrections for sampling the gap.
+    """Quadrature points and normals for sampling the gap.
 
     Attributes:
         quadrature: ``"nodal"`` or ``"overlay"``.
         degree: Degree of the rule on the segments of the overlay.
         normals: ``"facet"`` or ``"bisector"``.
-        smoothing: Surface corrections for curvature; None to measure gaps from the facets.
+        follows: Whether gaps are updated with the deformed geometry.
         degree_is_given: Whether the user has chosen the degree.
     """
 
     quadrature: str
     degree: int
     normals: str
-    smoothing: Smoothing | None = None
+    follows: bool = False
     degree_is_given: bool = False
 
     def normals_to(self, master: AnySurface) -> str:
@@ -51,19 +50,13 @@ class Sampling(typing.NamedTuple):
         """
         return OF_TOOL if is_rigid(master) else self.normals
 
-    def relief(self, surface: AnySurface) -> Relief:
-        """Correction for the curved surface that the facets approximate."""
-        return Relief.unknown() if self.smoothing is None else self.smoothing.relief(surface)
+    def heights(self, surface: AnySurface) -> Array | None:
+        """Heights of curved facets over flat ones, see ``Surface.heights``; None for flat facets.
 
-    def covers(self, surface: AnySurface) -> bool:
-        """Whether gaps are measured from the curved surface that the facets approximate."""
-        return self.relief(surface).lift > 0
-
-    def deformed_relief(self, surface: AnySurface) -> Relief:
-        """The correction of the deformed surface; ``deformed_surface`` splits its facets."""
-        found = self.relief(surface)
-        cut = surface.degree > 1
-        return Relief.unknown("shared") if cut and found.lift else found
+        With updated geometry the facets are those between the displaced nodes of degree 2. If
+        displacements are of degree 1, these facets are flat on any mesh.
+        """
+        return None if self.follows and surface.degree == 1 else surface.heights
 
 
 #: Least covered part of S_k, and of the area of a side of a node, for a multiplier of its own in
@@ -163,8 +156,8 @@ def _pair_facets(
         radius,
         kind_of_normals,
         *overlay_rules(slave.gdim, sampling.degree),
-        *sampling.relief(slave),
-        *sampling.relief(master),
+        sampling.heights(slave),
+        sampling.heights(master),
     )
 
 
@@ -181,12 +174,14 @@ class Conforming(typing.NamedTuple):
     """Points of the slave on this rank where both surfaces are curved in the same direction.
 
     Attributes:
-        bulges: Heights of the curved surfaces of slave and master over their facets (length), along
-            the slave's normal, shape (points, 2).
-        gap: Gap between the curved surfaces (length).
+        points: All paired points; their gaps are the changes of the gap by chord errors.
+        bulges: Heights of the curved surfaces of slave and master over flat facets (length), along
+            the slave's normal, 0 on curved facets, shape (conforming points, 2).
+        gap: Gap between the curved surfaces at these points (length).
         part: Area of these points over the area of all pairs, of all ranks.
     """
 
+    points: _cpp.PairingPoints
     bulges: Array
     gap: Array
     part: float
@@ -197,7 +192,7 @@ def find_conforming(
     master: AnySurface,
     degree: int,
     radius: _cpp.SearchRadius,
-    smoothing: Smoothing | None = None,
+    follows: bool = False,
 ) -> Conforming:
     """Find the points where two surfaces are curved in the same direction. Collective.
 
@@ -206,22 +201,28 @@ def find_conforming(
         master: The other surface.
         degree: Degree of the rule.
         radius: Search distance: points farther away are not paired.
-        smoothing: Surface corrections for curvature, as far as known.
+        follows: Whether gaps are updated with the deformed geometry.
     """
-    sampling = Sampling("overlay", degree, "bisector", smoothing)
+    sampling = Sampling("overlay", degree, "bisector", follows)
     if is_shape(master):
         return _conforming_to_shape(slave, master, sampling, radius.largest)
-    found, area = _cpp.conforming_points(
+    points, found = _cpp.conforming_points(
         slave.cpp_object,
         master.search_object(slave),
         radius,
         *overlay_rules(slave.gdim, degree),
-        *sampling.relief(slave),
-        *sampling.relief(master),
+        sampling.heights(slave) is None,
+        sampling.heights(master) is None,
     )
-    sums = slave.comm.allreduce(np.array([found[:, 3].sum(), area]), op=MPI.SUM)
-    part = float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
-    return Conforming(found[:, :2], found[:, 2], part)
+    part = _part(slave, found[:, 3], points.weight)
+    points = with_unknowns_alone(points, master)
+    return Conforming(points, found[:, :2], found[:, 2], part)
+
+
+def _part(slave: Surface, some: Array, weights: Array) -> float:
+    """Area of some points over that of all. Collective."""
+    sums = slave.comm.allreduce(np.array([some.sum(), weights.sum()]), op=MPI.SUM)
+    return float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
 
 
 def facet_rule(slave: Surface, degree: int) -> tuple[Array, Array]:
@@ -243,53 +244,11 @@ def _face_shape(
     gap, normal = tool.distance(points.slave["x"])
     # As between two surfaces, points that are too far away or on the back of a body are not paired.
     keep = (np.abs(gap) <= radius.largest) & (np.sum(normal * points.normal, axis=1) < 0)
-    relief = sampling.relief(slave)
-    if rule is not None and LIFTS[relief.lift] != "none":
-        gap = gap - _lifted(slave, tool, relief, points, gap, rule)
+    heights = sampling.heights(slave)
+    if rule is not None and heights is not None:
+        gap = gap - np.asarray(_cpp.heights_at(slave.cpp_object, heights, *rule))
     _cpp.face_tool(points, keep.astype(np.uint8), -normal, gap, group)
     return points
-
-
-def _lifted(
-    slave: Surface,
-    tool: RigidSurface,
-    relief: Relief,
-    points: _cpp.PairingPoints,
-    distance: Array,
-    rule: tuple[Array, Array],
-) -> Array:
-    """Height of the slave's surface over its facets that is used in gaps."""
-    if LIFTS[relief.lift] == "own":
-        return np.asarray(_cpp.heights_at(slave.cpp_object, *relief[1:], *rule))
-    own, of_tool, vertices = _bulges(slave, tool, relief, points, distance, rule)
-    alike = own * of_tool > 0
-    return vertices + np.where(alike, np.sign(own) * np.minimum(abs(own), abs(of_tool)), 0.0)
-
-
-def _bulges(
-    slave: Surface,
-    tool: RigidSurface,
-    relief: Relief,
-    points: _cpp.PairingPoints,
-    distance: Array,
-    rule: tuple[Array, Array],
-) -> tuple[Array, Array, Array]:
-    """Heights over the slave's facets at the points, along its outward normal.
-
-    Returns:
-        Heights of the slave's surface through the facets' vertices; heights of the tool if it
-        touched all vertices; and known heights of the slave's vertices, linear in between.
-    """
-    N = np.asarray(points.multiplier_values).reshape(-1, len(rule[1]), slave.num_facet_vertices)
-    x = slave.coordinates[0]
-    at_vertices = tool.distance(x.reshape(-1, 3))[0].reshape(x.shape[:2])
-    of_tool = distance - np.einsum("fpv,fv->fp", N, at_vertices).ravel()
-    own = np.asarray(_cpp.heights_at(slave.cpp_object, *relief[1:], *rule))
-    vertices = np.zeros_like(own)
-    if relief.known:
-        corners = relief.heights[:, : slave.num_facet_vertices]
-        vertices = np.einsum("fpv,fv->fp", N, corners).ravel()
-    return own - vertices, of_tool, vertices
 
 
 def _conforming_to_shape(
@@ -300,11 +259,18 @@ def _conforming_to_shape(
     points = _cpp.sample_facets(slave.cpp_object, *rule)
     distance, normal = tool.distance(points.slave["x"])
     near = (np.abs(distance) <= radius) & (np.sum(normal * points.normal, axis=1) < 0)
-    bulges = _bulges(slave, tool, sampling.relief(slave), points, distance, rule)
-    own, of_tool = (values[near] for values in bulges[:2])
+    own = np.asarray(_cpp.heights_at(slave.cpp_object, None, *rule))
+    # Height that the tool would have above the facets if it touched all their vertices.
+    N = np.asarray(points.multiplier_values).reshape(-1, len(rule[1]), slave.num_facet_vertices)
+    x = slave.coordinates[0]
+    at_vertices = tool.distance(x.reshape(-1, 3))[0].reshape(x.shape[:2])
+    of_tool = distance - np.einsum("fpv,fv->fp", N, at_vertices).ravel()
     alike = (own * of_tool > 0) & (abs(own) < 2 * abs(of_tool)) & (abs(of_tool) < 2 * abs(own))
-    weight = np.asarray(points.weight)[near]
-    sums = slave.comm.allreduce(np.array([weight[alike].sum(), weight.sum()]), op=MPI.SUM)
-    both = np.column_stack([own, np.zeros_like(own)])[alike]
-    gap = (distance[near] - own)[alike]
-    return Conforming(both, gap, float(sums[0] / sums[1]) if sums[1] > 0 else 0.0)
+    alike &= near
+    of_facets = own if sampling.heights(slave) is None else np.zeros_like(own)
+    both = np.column_stack([of_facets, np.zeros_like(own)])[alike]
+    weight = np.asarray(points.weight)
+    part = _part(slave, weight[alike], weight[near])
+    gap = np.where(alike, of_facets, 0.0)
+    _cpp.face_tool(points, near.astype(np.uint8), -normal, gap, len(rule[1]))
+    return Conforming(points, both, (distance - own)[alike], part)

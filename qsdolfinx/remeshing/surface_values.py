@@ -10,7 +10,6 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.weighted_gap import KINDS
 from qsdolfinx.pairing.pair import NORMALS, overlay_rules
-from qsdolfinx.pairing.relief import Relief
 from qsdolfinx.surface.surface import Coordinates, Surface
 
 Array = npt.NDArray[np.float64]
@@ -61,8 +60,6 @@ class SurfaceValues(typing.NamedTuple):
             _cpp.SearchRadius(size),
             NORMALS.index("facet"),
             *overlay_rules(new.gdim, degree),
-            *Relief.unknown(),
-            *Relief.unknown(),
         )
         operator = _cpp.GapOperator(
             new.cpp_object, mirror, points, jump=True, rows=KINDS.index("cover")

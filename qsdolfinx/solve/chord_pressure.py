@@ -8,11 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact import active_set
-from qsdolfinx.contact.advice import FEW, flat_sides
+from qsdolfinx.contact.advice import FEW, bent, flat_sides
 from qsdolfinx.contact.model import ChordGaps, ContactModel
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.pairing.pair import degree_of_rule, find_conforming, pair
-from qsdolfinx.pairing.relief import Smoothing, sides_of
+from qsdolfinx.pairing.pair import degree_of_rule, find_conforming
 from qsdolfinx.solve.newton import Newton
 
 Array = npt.NDArray[np.float64]
@@ -57,7 +56,7 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
             "facets: where the surfaces are curved the same way, chord errors vary by "
             f"{model.chord_gaps.spread:.2g} within facets. Pressing them flat would take "
             f"{opening:.2g} times the mean pressure: contact opens within facets, and pressures "
-            f"are wrong: take {_cure(model)}"
+            f"are wrong: take {bent(model.settings)}"
         )
     # Upper bound of the error: a node is stiffest if it moves alone.
     if np.sqrt(squares * total) <= NOTICED * model.compliance * force:
@@ -69,7 +68,7 @@ def find_chord_pressure(newton: Newton, model: ContactModel) -> str | None:
     return (
         "facets: where the surfaces are curved the same way, chord errors of facets of "
         f"{np.sqrt(squares / total):.2g} make pressures wrong by {error:.0%} of their mean: take "
-        + _cure(model)
+        + bent(model.settings)
     )
 
 
@@ -120,37 +119,20 @@ def _resolved(gap: WeightedGap) -> Array:
     return 1 - np.divide(allowance, depth, out=np.zeros_like(depth), where=some)
 
 
-def _cure(model: ContactModel) -> str:
-    curved = "meshes of degree 2, see qs.elevate, and displacements of degree 2"
-    if model.settings.sliding == "finite":
-        return curved
-    overlay = ' with quadrature="overlay"'
-    with_overlay = "" if model.settings.sampling.quadrature == "overlay" else overlay
-    return f'smoothing="shared-curvature"{with_overlay}, or {curved}'
-
-
 def _chord_gaps(model: ContactModel) -> ChordGaps:
     """δ at the slave's owned nodes, and its variation within facets. Collective."""
     none = ChordGaps(np.zeros(len(model.slave.node_area)), 0.0)
     sampling, master, slave = model.settings.sampling, model.master, model.slave
-    sides = (slave,) if master.is_analytic else (slave, master)
     exact = master.is_analytic and sampling.quadrature == "nodal"
-    if exact or all(sampling.covers(side) for side in sides):
+    if exact or not any(flat_sides(model.settings)):
         return none
     degree = degree_of_rule(slave, master, follows=False)
-    radius = model.paired.radius
-    found = find_conforming(slave, master, degree, radius, sampling.smoothing)
+    found = find_conforming(slave, master, degree, model.paired.radius, sampling.follows)
     if found.part < FEW:
         return none
-    bulge = found.bulges @ (np.array([1.0, -1.0]) * flat_sides(model.settings))
+    bulge = found.bulges @ np.array([1.0, -1.0])
     count, first, second = _sums(model, np.ones(len(bulge)), bulge, bulge**2)
     spread = float(np.sqrt(max(second / count - (first / count) ** 2, 0.0)))
-    both = model.settings.formulation == "quasi-symmetric"
-    curved, gaps = Smoothing(slave, master, sides_of("shared-curvature", master)), []
-    for smoothing in (sampling.smoothing, curved):
-        of = sampling._replace(quadrature="overlay", degree=degree, smoothing=smoothing)
-        points = pair(slave, master, of, both, radius, True)
-        gap = WeightedGap(slave, master, points, model.law, 1.0, rows="cover", augmented=False)
-        values = gap.rows.on_nodes(gap.operator.initial_gap, np.nan)
-        gaps.append(np.asarray(values, dtype=np.float64))
-    return ChordGaps(np.nan_to_num(gaps[0] - gaps[1]), spread)
+    gap = WeightedGap(slave, master, found.points, model.law, 1.0, rows="cover", augmented=False)
+    values = gap.rows.on_nodes(gap.operator.initial_gap, np.nan)
+    return ChordGaps(np.nan_to_num(np.asarray(values, dtype=np.float64)), spread)

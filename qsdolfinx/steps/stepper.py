@@ -30,7 +30,7 @@ from qsdolfinx.base.progress import progress as progress_bar
 from qsdolfinx.contact.chosen_sliding import let_follow
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.no_value import NoValueError
-from qsdolfinx.pairing.relief import CurvedError
+from qsdolfinx.pairing.curved import CurvedError
 from qsdolfinx.solve.diagnostics import OF_A_STEP, diagnose
 from qsdolfinx.solve.problem import ContactProblem
 from qsdolfinx.solve.snes import ConvergenceError, in_smallest_step

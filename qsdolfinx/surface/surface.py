@@ -201,8 +201,8 @@ class Surface:
         self.largest_height = 0.0
         if nodes is None:
             return
-        over = nodes - np.asarray(_cpp.relief_nodes(self.cpp_object))
-        heights = np.sum(over * np.asarray(_cpp.relief_normals(self.cpp_object)), axis=2)
+        over = nodes - np.asarray(_cpp.flat_nodes(self.cpp_object))
+        heights = np.sum(over * np.asarray(_cpp.flat_normals(self.cpp_object)), axis=2)
         largest = self.comm.allreduce(np.max(np.abs(heights), initial=0.0), op=MPI.MAX)
         if largest > ROUNDING * self.facet_size_range[1]:
             self._heights, self.largest_height = heights, float(largest)

@@ -89,7 +89,7 @@ def elevate(
         moved = nodes.turned(surface)
     else:
         kind, cpp_object = type(shape).__name__, surface.cpp_object
-        check_near(shape.shape, kind, cpp_object, msh.comm, "surface", "shape")
+        check_near(shape.shape, kind, cpp_object, msh.comm)
         moved = nodes.on(surface, shape)
     x = nodes.x + moved
     with collective_errors(msh.comm):
@@ -127,7 +127,7 @@ class _Nodes:
         """Displacement of nodes due to angles between adjacent facets, (nodes, 3). Collective."""
         x, nv = surface.coordinates[0], surface.num_facet_vertices
         height = np.asarray(_cpp.edge_heights(surface.cpp_object))
-        normal = np.asarray(_cpp.relief_normals(surface.cpp_object))[:, -1:]  # in the middle
+        normal = np.asarray(_cpp.flat_normals(surface.cpp_object))[:, -1:]  # in the middle
         terms = np.concatenate(  # facets at an edge: number, flat midpoint, n nᵀ, n h
             [
                 np.ones((*height.shape, 1)),
@@ -162,7 +162,7 @@ class _Nodes:
         every = Surface(surface.V, facets=mesh.exterior_facet_indices(self._mesh.topology))
         others = ~np.isin(every.facets, surface.facets)
         nv, ends = every.num_facet_vertices, len(EDGES[every.num_facet_vertices])
-        normal = np.asarray(_cpp.relief_normals(every.cpp_object))[others, -1]
+        normal = np.asarray(_cpp.flat_normals(every.cpp_object))[others, -1]
         nodes = self._of_facets(every)[others, nv : nv + ends]
         own = squares[nodes].reshape(*nodes.shape, 3, 3)
         size = np.trace(own, axis1=2, axis2=3)

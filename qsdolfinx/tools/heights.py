@@ -29,7 +29,7 @@ def heights(shape: Shape, surface: _cpp.Surface) -> Array:
     Returns:
         Shape (facets, nodes); infinity if the normal does not meet the shape.
     """
-    x, n = np.asarray(_cpp.relief_nodes(surface)), np.asarray(_cpp.relief_normals(surface))
+    x, n = np.asarray(_cpp.flat_nodes(surface)), np.asarray(_cpp.flat_normals(surface))
     flat_x, flat_n = x.reshape(-1, 3), n.reshape(-1, 3)
     height = np.zeros(len(flat_x))
     with np.errstate(all="ignore"):
@@ -41,23 +41,14 @@ def heights(shape: Shape, surface: _cpp.Surface) -> Array:
     return np.where(good, height, np.inf).reshape(x.shape[:2])
 
 
-def check_near(
-    shape: Shape,
-    kind: str,
-    surface: _cpp.Surface,
-    comm: MPI.Intracomm,
-    name: str,
-    argument: str = "smoothing",
-) -> Array:
-    """Check that vertices of facets are on a shape; returns its heights above them. Collective.
+def check_near(shape: Shape, kind: str, surface: _cpp.Surface, comm: MPI.Intracomm) -> None:
+    """Check that vertices of facets are on a shape. Collective.
 
     Args:
         shape: Shape that the facets approximate.
         kind: Name of the shape in messages.
         surface: The facets.
         comm: Their communicator.
-        name: Name of the facets in messages.
-        argument: Name of the argument with the shape, in messages.
 
     Raises:
         ValueError: If the vertices are not on the shape, or the facets are too coarse for it.
@@ -73,15 +64,14 @@ def check_near(
     size = float(surface.facet_size_range[1])
     require(
         chord <= COARSEST * size and np.isfinite(off),
-        f"{argument}: the facets of the {name} are not on the {kind}, or too coarse for it: they "
+        f"shape: the facets of the surface are not on the {kind}, or too coarse for it: they "
         "turn by more than 60°",
     )
     require(
         off <= OFF * chord + SINGLE * size,
-        f"{argument}: vertices of the {name} are up to {off:.2g} off the {kind}, whose chord error "
+        f"shape: vertices of the surface are up to {off:.2g} off the {kind}, whose chord error "
         f"is {chord:.2g}: name the surface that they are on, or take {kind}.fit",
     )
-    return found
 
 
 def _between_vertices(values: Array, corners: int) -> Array:

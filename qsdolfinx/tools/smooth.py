@@ -23,7 +23,7 @@ ACUTE = number("an angle between 0 and π/2", lambda x: 0 < x < np.pi / 2)
 
 
 class Smooth(abc.ABC):
-    """Base class of smooth surfaces that facets approximate: ``smoothing`` of :class:`qs.Contact`.
+    """Base class of smooth surfaces that facets approximate: ``shape`` of :func:`qs.elevate`.
 
     A smooth surface has no inside: use the same surface for the facets of a pin and of its hole.
     """
@@ -54,7 +54,7 @@ class Smooth(abc.ABC):
         """
         check(instance(Surface, "a qsdolfinx.Surface"), surface=surface)
         found = cls._fitted(_Cloud(surface))
-        check_near(found.shape, cls.__name__, surface.cpp_object, surface.comm, "surface")
+        check_near(found.shape, cls.__name__, surface.cpp_object, surface.comm)
         return found
 
     @classmethod

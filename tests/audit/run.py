@@ -175,7 +175,7 @@ def following(draw):
 
     def drawn(number, units):
         scene = draw(number, units)
-        left_out = ("constraints", "normals", "quadrature", "quadrature_degree", "smoothing")
+        left_out = ("constraints", "normals", "quadrature", "quadrature_degree")
         options = {k: v for k, v in scene.options.items() if k not in left_out}
         options |= {"quadrature": "overlay", "sliding": "finite"}
         if options.get("search_radius") == "local":

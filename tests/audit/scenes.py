@@ -91,7 +91,7 @@ class Scene:
         upper = f"{self.cells[1]} {self.n[1]}" if self.tool == "none" else self.tool
         o = self.options
         words = [f"{self.cells[0]} {self.n[0]}", upper, o["formulation"], o["quadrature"]]
-        words += [o[name] for name in ("constraints", "smoothing") if name in o]
+        words += [o["constraints"]] * ("constraints" in o)
         words += [o["enforcement"], f"P{self.degree}", self.solver, self.history]
         for name in ("large", "loaded", "dragged", "symmetric", "swapped", "tied"):
             words += [name] * getattr(self, name)
@@ -129,8 +129,6 @@ def random_scene(number, units=False):
     more = np.random.default_rng([SEED, number, 2])
     if quadrature == "overlay" and not tied:
         options["constraints"] = str(more.choice(["nodes", "points"]))
-    if quadrature == "overlay" and tool == "none":
-        options["smoothing"] = str(more.choice(["none", "none", "none", "shared-curvature"]))
     other = np.random.default_rng([SEED, number, 3])
     dragged = tool == "none" and not (tied or symmetric) and other.random() < 0.3
     solvers = ["direct", "auto", "auto", "fieldsplit"] + ["amg"] * augmented

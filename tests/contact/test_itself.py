@@ -181,7 +181,6 @@ def test_what_is_refused():
         ({"formulation": "double-pass"}, "roles to pairs"),
         ({"quadrature": "nodal"}, "quadrature"),
         ({"law": qs.Tied()}, "cannot be tied"),
-        ({"smoothing": "shared-curvature"}, "smoothing"),
     ):
         with pytest.raises(ValueError, match=message):
             qs.Contact(surface, surface, **options)

@@ -157,7 +157,7 @@ def test_rings(quadrature):
     master, slave = (
         qs.Surface(V, facets=f, axisymmetric=True) for V, f in zip(spaces, facets, strict=True)
     )
-    contact = qs.Contact(slave, master, quadrature=quadrature, smoothing="none")
+    contact = qs.Contact(slave, master, quadrature=quadrature)
     u = [fem.Function(V) for V in spaces]
     u[1].interpolate(lambda x: np.stack([0.02 * x[0], -0.03 + 0.01 * x[0]]))
     contact.set_penalty(1.0)
@@ -239,12 +239,11 @@ def test_tied_surfaces_have_jumps():
 
 
 @pytest.mark.filterwarnings("ignore:facets:qsdolfinx.base.messages.ContactWarning")
-def test_smoothing():
-    """The depth between the curved surfaces is the misfit; between the facets it is not."""
-    smooth = {"smoothing": "shared-curvature"}
-    np.testing.assert_allclose(
-        ShrinkFit(((16, 5), (22, 7)), **smooth).contact.penetration(), 0.01, rtol=0.02
-    )
+@pytest.mark.parametrize("degree", (1, 2))
+def test_curved_facets(degree):
+    """The depth between curved facets is the misfit; between flat facets it is not."""
+    curved = ShrinkFit(((16, 5), (22, 7)), degrees=("elevated", degree), sliding="small")
+    np.testing.assert_allclose(curved.contact.penetration(), 0.01, rtol=0.02)
     assert ShrinkFit(((16, 5), (22, 7))).contact.penetration() > 0.015
 
 

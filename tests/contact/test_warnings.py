@@ -234,7 +234,8 @@ def test_wrong_face(quadrature):
 # --- Facets that approximate curves
 
 
-CURVED = "shared-curvature"
+#: Degrees of the mesh and of displacements.
+CURVED = "elevated", 1
 FINE, COARSE = ((64, 4), (90, 4)), ((16, 5), (22, 7))
 
 
@@ -250,7 +251,7 @@ def test_chords_of_a_fit(misfit, quadrature):
         (text,) = warned(lambda s=sides, o=options: qs.Contact(*s, **o))
         assert text.startswith("facets: ") and "interference (0.01)" in text, text
         assert ('with quadrature="overlay"' in text) == (quadrature == "nodal")
-        assert ("measured between the curved surfaces" in text) == (quadrature == "overlay")
+        assert "qs.elevate(msh, facet_tags, tag)" in text
         first, second = map(float, re.search(r"facets \((\S+), (\S+)\)", text).groups())
         assert (second if swap else first) == pytest.approx(chord, rel=0.05)
         size = float(re.search(r"facets of size (\S+)", text).group(1))
@@ -264,7 +265,7 @@ def test_chords_that_do_not_matter():
         {"n": (COARSE[0], COARSE[0])},
         {"n": COARSE, "misfit": 0.2, "initial_overclosure": "ignore"},
         {"n": COARSE, "law": qs.Tied()},
-        {"n": COARSE, "smoothing": "shared-curvature"},
+        {"n": COARSE, "degrees": CURVED},
     ):
         assert warned(lambda o=options: ShrinkFit(**o)) == [], options
 
@@ -284,8 +285,8 @@ def test_chords_and_pressure(misfit, found):
     works.
     """
     pressures, texts = [], []
-    for smoothing in ("none", CURVED):
-        scene = ShrinkFit(FINE, misfit=misfit, smoothing=smoothing, constraints="nodes")
+    for degrees in ((1, 1), CURVED):
+        scene = ShrinkFit(FINE, misfit=misfit, degrees=degrees, constraints="nodes")
         texts += warned(scene.problem().solve)
         surface = scene.contact.slave
         pressures.append(scene.contact.model.gaps[0].multiplier(scene.contact.model.eps)[:, 0])
@@ -294,7 +295,7 @@ def test_chords_and_pressure(misfit, found):
     error = rms(surface, pressures[0] - pressures[1]) / mean
     assert (error > 0.1) == found
     if found:
-        assert texts[0].startswith("facets: ") and "shared-curvature" in texts[0]
+        assert texts[0].startswith("facets: ") and "qs.elevate" in texts[0]
         said = float(re.search(r"wrong by (\d+)%", texts[0]).group(1)) / 100
         assert 0.75 * error < said < 1.05 * error
 
@@ -302,9 +303,9 @@ def test_chords_and_pressure(misfit, found):
 class PinInBore(Rings):
     """Pin that is pressed into a bore with clearance, by less than the clearance."""
 
-    def __init__(self, n, clearance, depth, smoothing):
+    def __init__(self, n, clearance, depth, degrees):
         radii = (0.4, 1.0), (1.0 + clearance, 2.0)
-        super().__init__(n, radii, smoothing=smoothing, search_radius=0.1, sliding="small")
+        super().__init__(n, radii, degrees=degrees, search_radius=0.1, sliding="small")
         self.motion = np.array([clearance + depth, 0.0])
 
     def problem(self):
@@ -324,8 +325,8 @@ class PinInBore(Rings):
 def test_chords_beside_the_approach(n, depth, found):
     """Facets fine compared with the clearance may be coarse compared with the approach."""
     forces, texts = [], []
-    for smoothing in ("none", CURVED):
-        scene = PinInBore(((n, 4), (n * 5 // 8, 4)), 0.02, depth, smoothing)
+    for degrees in ((1, 1), CURVED):
+        scene = PinInBore(((n, 4), (n * 5 // 8, 4)), 0.02, depth, degrees)
         texts += warned(scene.problem().solve)
         forces.append(scene.contact.force("slave")[0])
     assert [text.startswith("facets: ") for text in texts] == [True] * found, texts
@@ -335,7 +336,7 @@ def test_chords_beside_the_approach(n, depth, found):
 @pytest.mark.parametrize("degrees", ((2, 1), (2, 2)))
 @pytest.mark.parametrize("n, misfit", ((COARSE, 0.01), (FINE, 0.01), (COARSE, -0.01)))
 def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
-    """Displacements of degree 1 leave bent facets flat; the warning does not suggest smoothing."""
+    """Displacements of degree 1 leave bent facets flat; the warning does not suggest qs.elevate."""
 
     def fit(sliding):
         scene = ShrinkFit(n, misfit=misfit, degrees=degrees, sliding=sliding, search_radius=0.5)
@@ -348,7 +349,7 @@ def test_chords_of_bent_facets_that_follow(n, misfit, degrees):
     assert none == [] and len(texts) == (degrees[1] == 1), texts
     if texts and n is COARSE:  # when the contact is made; otherwise from its pressures
         assert 'sliding="small"' in texts[0] and "displacements of degree 2" in texts[0]
-        assert "smoothing" not in texts[0]
+        assert "qs.elevate" not in texts[0]
     if misfit > 0 and n is COARSE:
         assert (abs(found[0] / found[1] - 1) > 0.01) == bool(texts)
 
@@ -377,10 +378,7 @@ def test_chords_of_hertz(quadrature):
 
 
 def test_chords_on_a_tool():
-    """A ring on a rigid cylinder warns; not if smoothed, fine, with a large misfit, or at nodes.
-
-    Without an option gaps are measured from the curved ring, and the warning says so.
-    """
+    """A ring on a rigid cylinder warns; not if curved, fine, with a large misfit, or at nodes."""
     for n, R, found in ((22, 10.005, 1), (22, 9.0, 0), (150, 9.9, 0)):
         ring = Shell((n, 3), (9.995, 15.0))
         tool = qs.RigidSurface.cylinder(WORLD, [0.0, 0.0], None, R)
@@ -394,19 +392,16 @@ def test_chords_on_a_tool():
             assert error == pytest.approx(chord, rel=0.1)
             size = float(re.search(r"facets of size (\S+)", texts[0]).group(1))
             assert size == pytest.approx(0.01 / 0.4)
-        named = qs.smooth.Cylinder([0.0, 0.0], None, 9.995)
-        for options in (
-            radius | {"quadrature": "nodal"},
-            radius | {"smoothing": "shared-curvature"},
-            radius | {"smoothing": named},
-            radius | {"law": qs.Tied()},
-        ):
+        curved = Shell((n, 3), (9.995, 15.0), degrees=CURVED)
+        of_curved = curved.surface(curved.inner)
+        assert warned(lambda s=of_curved, t=tool, o=radius: qs.Contact(s, t, **o)) == []
+        for options in (radius | {"quadrature": "nodal"}, radius | {"law": qs.Tied()}):
             assert warned(lambda s=slave, t=tool, o=options: qs.Contact(s, t, **o)) == []
 
 
 def test_size_of_finer_facets():
     """Facets of the named size h have a chord error h²/8R of a tenth of the interference."""
-    options = {"search_radius": 4.0, "initial_overclosure": "ignore", "smoothing": "none"}
+    options = {"search_radius": 4.0, "initial_overclosure": "ignore"}
     texts = warned(lambda: ShrinkFit(((3, 2), (4, 2)), misfit=2.0, **options))
     size = float(re.search(r"facets of size (\S+)", texts[0]).group(1))
     assert size**2 / (8 * ShrinkFit.R) == pytest.approx(0.1 * 2.0, rel=0.1)
@@ -446,13 +441,10 @@ def test_flat_facets_are_no_chords(sides, away):
 
 
 def test_chords_of_one_side():
-    """A mesh of degree 2 or a named surface has no chord errors; those of the other side count."""
-    for degrees, smoothing in (((2, 1), "none"), ((1, 1), "named")):
-        assert (
-            warned(lambda d=degrees, s=smoothing: ShrinkFit(COARSE, degrees=d, smoothing=s)) == []
-        )
-    named = qs.smooth.Cylinder([0.0, 0.0], None, 10.005)
-    (text,) = warned(lambda: ShrinkFit(COARSE, smoothing=(named, None)))
+    """A mesh of degree 2 has no chord errors; those of the other side count."""
+    assert warned(lambda: ShrinkFit(COARSE, degrees=(2, 1))) == []
+    sides = ShrinkFit(COARSE, degrees=CURVED).contact.slave, ShrinkFit(COARSE).contact.master
+    (text,) = warned(lambda: qs.Contact(*sides))
     first, second = map(float, re.search(r"facets \((\S+), (\S+)\)", text).groups())
     assert first == 0
     assert second == pytest.approx(9.995 * (1 - np.cos(np.pi / 88)), rel=0.35)

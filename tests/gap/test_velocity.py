@@ -23,7 +23,7 @@ KINDS = {
 def scene(unknown, law=qs.Unilateral, formulation="quasi-symmetric", **options):
     """Make the elastic blocks with v = u/Δt as unknown of some bodies; u is the same."""
     pair = Pair("triangle", formulation, law(), n=(9, 7), wave=0.03)
-    given = {"unknown": unknown, "dt": DT, "smoothing": "none"} | options
+    given = {"unknown": unknown, "dt": DT} | options
     pair.contact = qs.Contact(
         pair.slave, pair.master, formulation=formulation, law=law(), penalty=30.0, **given
     )

@@ -20,7 +20,7 @@ SCENES = {
 def scene(cell, name, solver):
     """Solve two blocks and evaluate the tangent there."""
     pair = Pair(cell, n=(6, 4), wave=0.02)
-    options = {"enforcement": "penalty", "smoothing": "none", "sliding": "small"} | SCENES[name]
+    options = {"enforcement": "penalty", "sliding": "small"} | SCENES[name]
     pair.contact = qs.Contact(pair.slave, pair.master, penalty=30.0, **options)
     if name == "friction":
         drag_top(pair, 0.02)

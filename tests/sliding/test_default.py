@@ -210,7 +210,6 @@ STAY = {
     "nodal": {"quadrature": "nodal"},
     "nodes": {"constraints": "nodes"},
     "bisector": {"normals": "bisector"},
-    "smoothing": {"smoothing": "shared-curvature"},
     "double-pass": {"formulation": "double-pass"},
     "velocity": {"unknown": "velocity", "dt": 1.0},
 }

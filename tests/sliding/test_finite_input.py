@@ -18,7 +18,6 @@ def scene():
         {"sliding": "large"},
         {"quadrature": "nodal"},
         {"normals": "bisector"},
-        {"smoothing": "shared-curvature"},
     ),
 )
 def test_refused(options):

@@ -53,7 +53,6 @@ def pressed_tip(gdim, degree, kind, **options):
         (2, 1, {"formulation": "master-slave", "normals": "bisector"}),
         (2, 1, {"sliding": "finite"}),
         (2, 1, {"quadrature": "nodal", "friction": qs.Coulomb(0.0)}),
-        (2, 1, {"smoothing": "shared-curvature"}),
         (2, 2, {"normals": "facet"}),
         (2, 1, {"dt": 0.5}),
         (3, 1, {}),
@@ -67,27 +66,5 @@ def test_a_flat_tool_does_not_push_sideways(gdim, degree, options):
     """
     force, sideways = pressed_tip(gdim, degree, "facets", **options)
     assert force < -0.01 and sideways < 1e-10 * -force
-    if not {"quadrature", "smoothing"} & set(options):
+    if "quadrature" not in options:
         assert np.isclose(force, pressed_tip(gdim, degree, "plane", **options)[0], rtol=2e-2)
-
-
-def test_a_smoothed_tool_has_the_normals_of_its_shape():
-    """A polygon has the normals of its sides, unless it approximates a given circle."""
-    msh = box(WORLD, (9, 3), "triangle", [-0.6, -0.5], [0.6, 0.0], "scattered")
-    facets = plane(msh, 1, 0.0)
-    msh.geometry.x[:, 1] += 0.1 * msh.geometry.x[:, 0]  # the slave's normals differ
-    V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
-    center, n = np.array([0.1, 1.0]), 40
-    angle = 2 * np.pi * np.arange(n) / n
-    x = center + np.column_stack([np.cos(angle), np.sin(angle)])
-    ends = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)])
-    tool = qs.RigidSurface.triangulated(WORLD, x, ends, center)
-    circle = qs.smooth.Cylinder(center, None, 1.0)
-    errors = []
-    for smoothing in ((None, None), (None, circle)):
-        contact = qs.Contact(qs.Surface(V, facets=facets), tool, smoothing=smoothing)
-        points = contact.pairing
-        ray = center - points.master.x[:, :2]
-        ray /= np.linalg.norm(ray, axis=1)[:, None]
-        errors.append(largest(points.normal[:, :2] - ray))
-    assert errors[0] > 0.9 * np.pi / n and errors[1] < 0.01 * errors[0]

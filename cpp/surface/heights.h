@@ -1,46 +1,26 @@
-// Surface correction for curvature: height of the surface that flat facets approximate above them,
-// and the part of this height that is used in gaps.
+// Heights of the facets of a mesh of degree 2 above the flat facets through their vertices.
 #pragma once
 
-#include "surface/curvature.h"
+#include "surface/surface.h"
+#include <optional>
 #include <span>
 #include <vector>
 
 namespace qsdolfinx
 {
 
-/// Part of the surface's height above its facets that is used in gaps.
-enum class Lift : int
-{
-  none,   ///< nothing: gaps are measured between the facets
-  shared, ///< the curvature that both sides share, for bodies whose displacements cannot flatten
-          ///< the bulge of a facet
-  own     ///< all of it
-};
-
-/// Surface of one side, as heights above its facets.
-struct Relief
-{
-  Lift lift;
-  bool known; ///< whether `heights` are given; otherwise curvature is found from the angles between
-              ///< facets
-  /// Heights along the outward normals at the nodes of trace_functions of degree 2, [facet][node],
-  /// if `known`.
-  std::span<const double> heights;
-};
+/// Heights of the curved facets of a surface, along the outward normals of the flat facets at the
+/// nodes of trace_functions of degree 2, [facet][node]. None, on all ranks, for flat facets.
+using Heights = std::optional<std::span<const double>>;
 
 /// Positions of the nodes of degree 2 on the flat facets, [facet][node][3].
-std::vector<double> relief_nodes(const Surface& surface);
+std::vector<double> flat_nodes(const Surface& surface);
 
 /// Outward unit normals of the flat facets at the nodes of degree 2, [facet][node][3].
-std::vector<double> relief_normals(const Surface& surface);
+std::vector<double> flat_normals(const Surface& surface);
 
 /// Height at ξ of a facet. @param heights at its nodes
 double height_at(FacetType type, std::span<const double> heights, std::array<double, 2> xi);
-
-/// Height at ξ of the plane or bilinear surface through a facet's vertices.
-double vertex_height(FacetType type, std::span<const double> heights,
-                     const std::array<double, 4>& N);
 
 /// Gradient along a facet of a function of ξ that is quadratic along each axis.
 template <typename Function>
@@ -65,9 +45,5 @@ Vec3 surface_gradient(FacetType type, std::span<const double> v, std::array<doub
   const double aa = dot(a, a), ab = dot(a, b), bb = dot(b, b), det = aa * bb - ab * ab;
   return ((along_a * bb - along_b * ab) / det) * a + ((along_b * aa - along_a * ab) / det) * b;
 }
-
-/// Curvature of this rank's facets, from the heights if they are known, otherwise from the angles
-/// between facets. Collective.
-std::vector<Curvature> relief_curvature(const Surface& surface, const Relief& relief);
 
 } // namespace qsdolfinx

@@ -1,4 +1,4 @@
-#include "surface/relief.h"
+#include "surface/heights.h"
 
 using namespace qsdolfinx;
 
@@ -40,13 +40,13 @@ std::vector<double> at_nodes(const Surface& surface, Value value)
 }
 } // namespace
 
-std::vector<double> qsdolfinx::relief_nodes(const Surface& surface)
+std::vector<double> qsdolfinx::flat_nodes(const Surface& surface)
 {
   return at_nodes(surface, [&](std::size_t f, std::array<double, 2> xi)
                   { return facet_point(surface.type(), surface.facet_x(f), xi); });
 }
 
-std::vector<double> qsdolfinx::relief_normals(const Surface& surface)
+std::vector<double> qsdolfinx::flat_normals(const Surface& surface)
 {
   return at_nodes(surface,
                   [&](std::size_t f, std::array<double, 2> xi) { return surface.normal(f, xi); });
@@ -60,18 +60,4 @@ double qsdolfinx::height_at(FacetType type, std::span<const double> heights,
   for (std::size_t i = 0; i < heights.size(); ++i)
     sum += T[i] * heights[i];
   return sum;
-}
-
-double qsdolfinx::vertex_height(FacetType type, std::span<const double> heights,
-                                const std::array<double, 4>& N)
-{
-  double sum = 0;
-  for (int i = 0; i < static_cast<int>(type); ++i)
-    sum += N[i] * heights[i];
-  return sum;
-}
-
-std::vector<Curvature> qsdolfinx::relief_curvature(const Surface& surface, const Relief& relief)
-{
-  return relief.known ? curvature_of_heights(surface, relief.heights) : facet_curvature(surface);
 }
