@@ -516,14 +516,10 @@ def conforming_points(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
-    slave_lift: int,
-    slave_known: bool,
-    slave_heights: numpy.typing.NDArray[numpy.float64],
-    master_lift: int,
-    master_known: bool,
-    master_heights: numpy.typing.NDArray[numpy.float64],
-) -> tuple[numpy.typing.NDArray[numpy.float64], float]:
-    """Points where both surfaces are curved the same way, [point][slave, master, gap, weight], and the area of all paired points on this rank; collective."""
+    slave_is_flat: bool,
+    master_is_flat: bool,
+) -> tuple[PairingPoints, numpy.typing.NDArray[numpy.float64]]:
+    """Paired points of the slave, whose gap is the change of the gap by chord errors, and those where both surfaces are curved the same way, [point][slave, master, gap, weight]; collective."""
 
 def count_degenerate(num_vertices: int, x: numpy.typing.NDArray[numpy.float64]) -> int:
     """Number of facets x [facet][vertex][3] that have no area or are not convex."""
@@ -548,6 +544,12 @@ def facet_curvature(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
 
 facing_cosine: float = -0.1
 
+def flat_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Nodes of degree 2 on the flat facets, [facet][node][3]."""
+
+def flat_normals(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
+    """Outward unit normals of the flat facets at their nodes of degree 2, [facet][node][3]."""
+
 def forget_master(points: PairingPoints) -> None:
     """Remove the unknowns of the master; `faced` identifies its facets from then on."""
 
@@ -556,12 +558,11 @@ def free_unknowns(pieces: Pieces, side: int, markers: int) -> numpy.typing.NDArr
 
 def heights_at(
     surface: Surface,
-    known: bool,
-    heights: numpy.typing.NDArray[numpy.float64],
+    heights: numpy.typing.NDArray[numpy.float64] | None,
     x: numpy.typing.NDArray[numpy.float64],
     w: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
-    """Heights above the facets at quadrature points, facet by facet, from given heights at their nodes of degree 2 or from a curvature found from the angles between facets; collective."""
+    """Heights above the flat facets at quadrature points, facet by facet, of curved facets with given heights at their nodes of degree 2, or from the angles between facets; collective."""
 
 def insert_contact(
     gap: GapOperator,
@@ -612,14 +613,10 @@ def overlay_surfaces(
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],
     edge_w: numpy.typing.NDArray[numpy.float64],
-    slave_lift: int,
-    slave_known: bool,
-    slave_heights: numpy.typing.NDArray[numpy.float64],
-    master_lift: int,
-    master_known: bool,
-    master_heights: numpy.typing.NDArray[numpy.float64],
+    slave_heights: numpy.typing.NDArray[numpy.float64] | None = None,
+    master_heights: numpy.typing.NDArray[numpy.float64] | None = None,
 ) -> PairingPoints:
-    """Pairing points on the overlay; the last arguments are the Relief of each side; collective."""
+    """Pairing points on the overlay; heights of curved facets, [facet][node]; collective."""
 
 def pair_surfaces(
     slave: Surface,
@@ -719,12 +716,6 @@ def ray_slip_curvature(
     tractions: numpy.typing.NDArray[numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]:
     """Derivative of the sum of weights times the virtual work of constant tractions."""
-
-def relief_nodes(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
-    """Nodes of degree 2 on the flat facets, [facet][node][3]."""
-
-def relief_normals(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
-    """Outward unit normals of the flat facets at their nodes of degree 2, [facet][node][3]."""
 
 def sample_facets(
     slave: Surface, x: numpy.typing.NDArray[numpy.float64], w: numpy.typing.NDArray[numpy.float64]

@@ -8,7 +8,7 @@ geometry and the tolerances. It names nodes of a mesh of 3°, which we take as 0
 order; its models slip from 27° to 33° on. Our model: half of the problem in one step as in
 Code_Aster (in eight steps, pressures increase by up to 2 % and slip begins at 39°), triangles of
 degree 1, facets of 0.75° (small: 3°) on the pin and 5/4 of this size on the bore, with both circles
-as named smooth surfaces. The force is spread as a Gaussian of 3 mm, whereas in Code_Aster it acts
+as shapes of qs.elevate. The force is spread as a Gaussian of 3 mm, whereas in Code_Aster it acts
 at a point; a Gaussian of 6 mm changes the pressures by 0.1 %.
 """
 
@@ -28,7 +28,9 @@ TITLE = "Pin in a bore with friction (Klang, SSNV127)"
 FAR = 0.1
 
 E, NU, MU, FORCE, SPREAD = 2.1e11, 0.3, 0.4, 9.375e5, 0.003
-PIN, BORE, OUTER, DROP = 0.05999, 0.06, 1.0, 1e-5
+PIN, BORE, OUTER = 0.05999, 0.06, 1.0
+#: Distance of the centres; the pin is 10 nm off the bore, so that no point is in contact at first.
+DROP = 0.999e-5
 #: Pressure (MPa) and tolerance of SSNV127, from 0° on in steps of 3°.
 PRESSURES = (
     (17.813, 0.0054),
@@ -83,6 +85,14 @@ def create_mesh(radii, middle, n, comm):
 def body(radii, middle, n, comm):
     """Return the residual, displacement, conditions and contact surface of a body."""
     msh = create_mesh(radii, middle, n, comm)
+    facets = [
+        mesh.locate_entities_boundary(
+            msh, 1, lambda x, r=r: np.isclose(np.hypot(x[0], x[1] - middle), r, rtol=1e-7)
+        )
+        for r in radii
+    ]
+    circle = qs.smooth.Cylinder([0.0, middle], None, radii[0])
+    msh = qs.elevate(msh, facets=facets[0], shape=circle)
     V = fem.functionspace(msh, ("Lagrange", 1, (2,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     plane_stress = E * (1 + 2 * NU) / (1 + NU) ** 2, NU / (1 + NU)
@@ -93,12 +103,6 @@ def body(radii, middle, n, comm):
         spread = ufl.exp(-(x[0] ** 2 + (x[1] - middle) ** 2) / (2 * SPREAD**2))
         F += FORCE / integral(msh, spread * dx) * spread * v[1] * dx
     bcs = [fix(V, 0, facets_at(msh, 0, 0.0))]
-    facets = [
-        mesh.locate_entities_boundary(
-            msh, 1, lambda x, r=r: np.isclose(np.hypot(x[0], x[1] - middle), r, rtol=1e-7)
-        )
-        for r in radii
-    ]
     if len(radii) == 2:
         bcs += [fix(V, axis, facets[1]) for axis in (0, 1)]
     return F, u, bcs, qs.Surface(V, facets=facets[0])
@@ -109,10 +113,7 @@ def solve(n, comm):
     F, u, bcs, (slave, master) = zip(
         body([PIN], -DROP, n, comm), body([BORE, OUTER], 0.0, 4 * n // 5, comm), strict=True
     )
-    circles = tuple(
-        qs.smooth.Cylinder([0.0, y], None, radius) for y, radius in ((-DROP, PIN), (0.0, BORE))
-    )
-    contact = qs.Contact(slave, master, friction=qs.Coulomb(MU), smoothing=circles)
+    contact = qs.Contact(slave, master, friction=qs.Coulomb(MU))
     qs.ContactProblem(F, u, [contact], bcs).solve()
     return contact
 

@@ -823,8 +823,8 @@ private:
   PairingPoints& points_;
   const Surface& cut_;
   Curved curved_;
-  Record* record_;       // null if only points are needed
-  NearbyFacets nearby_;  // of the other surface
+  Record* record_;      // null if only points are needed
+  NearbyFacets nearby_; // of the other surface
   BoxTree tree_;
   NearbyFacets own_; // of the surface that is cut
   BoxTree own_tree_;

@@ -72,9 +72,8 @@ std::vector<double> qsdolfinx::heights_at(const Surface& surface, const Heights&
   std::vector<double> out;
   for (std::size_t f = 0; f < surface.num_facets(); ++f)
     for (const auto& xi : rule.x)
-      out.push_back(heights
-                        ? height_at(type, heights->subspan(f * nodes, nodes), xi)
-                        : bulge(K[f], type, surface.facet_x(f), shape_functions(type, xi)));
+      out.push_back(heights ? height_at(type, heights->subspan(f * nodes, nodes), xi)
+                            : bulge(K[f], type, surface.facet_x(f), shape_functions(type, xi)));
   return out;
 }
 

@@ -53,8 +53,7 @@ Corner corner(const Surface& surface, std::size_t f, int i)
   const Vec3 n = surface.normal(f, facet_centre(type));
   if (type == FacetType::interval)
     return {n, (1 / norm(a)) * n, std::numbers::pi, {a, b}, {}};
-  const Vec3 d
-      = type == FacetType::triangle ? Vec3{} : facet_vertex(v, 3 - i) - facet_vertex(v, i);
+  const Vec3 d = type == FacetType::triangle ? Vec3{} : facet_vertex(v, 3 - i) - facet_vertex(v, i);
   const Vec3 c = cross(a, b);
   if (norm(c) == 0) // the edges are collinear
     return {n, {0, 0, 0}, std::numbers::pi, {a, b}, d};

@@ -46,7 +46,13 @@ class Body:
 
     def __init__(self, comm, radius, h, degrees):
         of_ball = radius == BALL
-        self.mesh = msh = create_mesh(comm, of_ball, h, degrees[0])
+        msh = create_mesh(comm, of_ball, h, 2 if degrees[0] == 2 else 1)
+        round_side = mesh.locate_entities_boundary(
+            msh, 1, lambda x: np.isclose(np.hypot(x[0], x[1] - radius), radius)
+        )
+        if degrees[0] == "elevated":
+            msh = qs.elevate(msh, facets=round_side)
+        self.mesh = msh
         V = fem.functionspace(msh, ("Lagrange", degrees[1], (2,)))
         self.u, v = fem.Function(V), ufl.TestFunction(V)
         self.stress = qs.materials.linear_elastic(self.u, E, NU, axisymmetric=True)
@@ -59,7 +65,4 @@ class Body:
             self.F += weight * LOAD / (np.pi * BALL**2) * v[1] * flat
         else:
             self.bcs.append(fix(V, 1, facets_at(msh, 1, -10.0)))
-        round_side = mesh.locate_entities_boundary(
-            msh, 1, lambda x: np.isclose(np.hypot(x[0], x[1] - radius), radius)
-        )
         self.surface = qs.Surface(V, facets=round_side, axisymmetric=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 
 from mpi4py import MPI
@@ -13,7 +12,7 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import SINGLE
 from qsdolfinx.contact.contact_type import ContactType
-from qsdolfinx.contact.findings import Check, tell
+from qsdolfinx.contact.findings import Check
 from qsdolfinx.contact.model import ContactModel, Settings, radius_of
 from qsdolfinx.contact.orientation import find_turned
 from qsdolfinx.pairing.pair import degree_of_rule, find_conforming

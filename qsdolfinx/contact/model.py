@@ -30,11 +30,11 @@ from qsdolfinx.gap.shape_points import ShapePoints
 from qsdolfinx.gap.vertex_points import ToolVertices, Vertices
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.pairing.crossings import EdgesRole, pair_edges
+from qsdolfinx.pairing.curved import check_curved
 from qsdolfinx.pairing.edges import edges_of
 from qsdolfinx.pairing.facets import SharpNodes
 from qsdolfinx.pairing.pair import Sampling, pair, share_out_hardly_covered
 from qsdolfinx.pairing.points import Pairing
-from qsdolfinx.pairing.curved import check_curved
 from qsdolfinx.pairing.vertices import VerticesRole, pair_vertices
 from qsdolfinx.surface.affine import Affine
 from qsdolfinx.surface.surface import Surface

@@ -343,7 +343,7 @@ def _advice(model: ContactModel, depth: float) -> str:
         return ""
     cure = "take finer facets"
     if chords(model):
-        return f'facets approximate curves: {cure}, or {bent(settings)}'
+        return f"facets approximate curves: {cure}, or {bent(settings)}"
     if at_points:
         return f"facets are too coarse for the other surface, their points penetrate: {cure}"
     cure += ', or constraints="points"'

@@ -226,7 +226,10 @@ def test_hertz(swap):
         problem = [[getattr(body, name) for body in (slave, master)] for name in ("F", "u", "bcs")]
         qs.ContactProblem(*problem[:2], [contact], problem[2]).solve()
         found.append(
-            [errors(hertz, b, contact.traction(s)) for b, s in ((slave, "slave"), (master, "master"))]
+            [
+                errors(hertz, b, contact.traction(s))
+                for b, s in ((slave, "slave"), (master, "master"))
+            ]
         )
     np.testing.assert_allclose(found[1], found[0], atol=0.002)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from rigid_scenes import flat_facets
-from scenes import WORLD, box, clamp, elastic, largest, plane
+from scenes import WORLD, box, clamp, elastic, plane
 
 from dolfinx import fem
 
