@@ -528,7 +528,7 @@ def count_entries(block: int) -> numpy.typing.NDArray[numpy.int32]:
     """Numbers of entries in columns of this rank and in other columns, [2][row]."""
 
 def edge_heights(surface: Surface) -> numpy.typing.NDArray[numpy.float64]:
-    """Heights of the surface that the facets approximate above the middles of their edges, along the facets' normals, [facet][edge]; collective."""
+    """Heights of the surface that the facets approximate above the middles of their edges, along the facets' normals, and their weights in a mean, [facet][edge][2]; collective."""
 
 def face_tool(
     points: PairingPoints,

@@ -118,11 +118,11 @@ void qsdolfinx::bind_surface(nb::module_& m)
       [](const Surface& s)
       {
         const std::size_t edges = facet_edges(s.type()).size();
-        return copy(edge_heights(s), {s.num_facets(), edges});
+        return copy(edge_heights(s), {s.num_facets(), edges, 2});
       },
       "surface"_a,
       "Heights of the surface that the facets approximate above the middles of their edges, along "
-      "the facets' normals, [facet][edge]; collective.");
+      "the facets' normals, and their weights in a mean, [facet][edge][2]; collective.");
   m.def(
       "mean_of_rows",
       [](In<double> x, In<std::int32_t> rows)

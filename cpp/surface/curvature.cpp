@@ -38,6 +38,14 @@ struct Vertex
   double closed;              ///< 1 if facets surround the vertex
   double straight;            ///< 1 if the facets end there, along a nearly straight line
   std::array<double, 2> ends; ///< whether the facets end at the edge to each of the neighbours
+  Curvature curvature;        ///< from a fit to the neighbours, if that was asked for
+};
+
+/// Surface near a vertex.
+struct Fitted
+{
+  Vec3 normal;
+  Curvature curvature;
 };
 
 constexpr int corner_width = sizeof(Corner) / sizeof(double);
@@ -65,10 +73,18 @@ Corner corner(const Surface& surface, std::size_t f, int i)
           d};
 }
 
+/// k₁₁ a aᵀ + k₁₂ (a bᵀ + b aᵀ) + k₂₂ b bᵀ.
+Curvature tensor(const Vec3& a, const Vec3& b, double k11, double k12, double k22)
+{
+  const auto entry = [&](int i, int j)
+  { return k11 * a[i] * a[j] + k12 * (a[i] * b[j] + b[i] * a[j]) + k22 * b[i] * b[j]; };
+  return {entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)};
+}
+
 /// Correct a normal by a least-squares fit of a quadric to the neighbouring vertices: with t₁, t₂
 /// perpendicular to n and e the vector to a neighbour, e·(n + α t₁ + β t₂) + ½ e·K e = 0. Mean
 /// normals of facets of different sizes have an error proportional to the angle between the facets.
-Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
+Fitted fitted(const Vec3& n, std::span<const Vec3> edges)
 {
   constexpr int size = 5;
   // Damping for directions that the neighbours do not determine: if there are few neighbours, the
@@ -98,10 +114,12 @@ Vec3 fitted_normal(const Vec3& n, std::span<const Vec3> edges)
   PetscBLASInt order = size, one = 1, info = 0;
   LAPACKpotrf_("U", &order, A[0].data(), &order, &info);
   if (info != 0)
-    return n;
+    return {n, {}};
   LAPACKpotrs_("U", &order, &one, A[0].data(), &order, b.data(), &order, &info);
   const Vec3 sum = n + b[0] * t1 + b[1] * t2;
-  return (1 / norm(sum)) * sum;
+  const double k11 = b[2] / length, k12 = b[3] / (std::numbers::sqrt2 * length),
+               k22 = b[4] / length;
+  return {(1 / norm(sum)) * sum, tensor(t1, t2, k11, k12, k22)};
 }
 
 /// Compute the data of the surface at a vertex for facet r of those at the vertex.
@@ -137,14 +155,19 @@ Vertex look(FacetType type, std::span<const std::size_t> star, std::size_t r,
   const double length = norm(sum);
   Vec3 n = length > 0 ? (1 / length) * sum : corners[r].normal;
   if (type == FacetType::interval)
-    return {n, facets > 1 ? 1.0 : 0.0, 0, {0, 0}};
+    return {n, facets > 1 ? 1.0 : 0.0, 0, {0, 0}, {}};
+  Curvature K{};
   if (fit && around.size() > 2)
-    n = fitted_normal(n, around);
+  {
+    const Fitted found = fitted(n, around);
+    n = found.normal;
+    K = found.curvature;
+  }
   const auto once = [&](std::int64_t edge) { return std::ranges::count(seen, edge) == 1; };
   const double closed = std::ranges::none_of(seen, once) ? 1 : 0;
   const double straight = std::abs(angle - std::numbers::pi) < std::numbers::pi / 6 ? 1 : 0;
   return {
-      n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}};
+      n, closed, straight, {once(edges[2 * r]) ? 1.0 : 0.0, once(edges[2 * r + 1]) ? 1.0 : 0.0}, K};
 }
 
 /// Compute the data of the surface for each facet at its vertices, [facet][vertex]. Collective.
@@ -204,9 +227,10 @@ std::vector<Vertex> look_around(const Surface& surface, bool fit)
     for (std::size_t r : star)
     {
       const Vertex v = look(surface.type(), star, r, corners, edges, fit, seen, around);
-      const std::array<double, vertex_width> values{v.normal[0], v.normal[1], v.normal[2], v.closed,
-                                                    v.straight,  v.ends[0],   v.ends[1]};
-      std::ranges::copy(values, answers.begin() + r * vertex_width);
+      const std::array<double, 7> values{v.normal[0], v.normal[1], v.normal[2], v.closed,
+                                         v.straight,  v.ends[0],   v.ends[1]};
+      const auto next = std::ranges::copy(values, answers.begin() + r * vertex_width).out;
+      std::ranges::copy(v.curvature, next);
     }
   }
   const auto back = to_owner.reverse<double>(answers, vertex_width);
@@ -215,7 +239,8 @@ std::vector<Vertex> look_around(const Surface& surface, bool fit)
   for (std::size_t i = 0; i < n; ++i)
   {
     const double* v = back.data() + i * vertex_width;
-    out.push_back({{v[0], v[1], v[2]}, v[3], v[4], {v[5], v[6]}});
+    out.push_back({{v[0], v[1], v[2]}, v[3], v[4], {v[5], v[6]}, {}});
+    std::copy_n(v + 7, out.back().curvature.size(), out.back().curvature.begin());
   }
   return out;
 }
@@ -268,12 +293,7 @@ public:
                    * (right_[0] * cross(A[1], A[2]) + right_[1] * cross(A[2], A[0])
                       + right_[2] * cross(A[0], A[1]));
     const double k12 = k[1] / std::numbers::sqrt2;
-    const auto entry = [&](int i, int j)
-    {
-      return k[0] * first_[i] * first_[j] + k12 * (first_[i] * second_[j] + second_[i] * first_[j])
-             + k[2] * second_[i] * second_[j];
-    };
-    return {entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)};
+    return tensor(first_, second_, k[0], k12, k[2]);
   }
 
 private:
@@ -351,6 +371,7 @@ std::vector<Curvature> qsdolfinx::facet_curvature(const Surface& surface)
 
 std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
 {
+  constexpr double guess = 1e-6; // weight of a height that only the slopes at boundaries give
   const std::vector<Vertex> vertices = look_around(surface, true);
   const FacetType type = surface.type();
   const auto nv = static_cast<std::size_t>(surface.num_vertices());
@@ -362,14 +383,27 @@ std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
     for (const auto& [i, j] : facet_edges(type))
     {
       const Ascent line(type, v, n, std::span(vertices).subspan(f * nv, nv), i, j);
-      // Between two boundaries, or where a corner is cut off, the slope across the boundary is not
-      // known at an end.
-      const bool known = line.known[0] || line.known[1];
-      const double more = std::abs(line.at[0]) > std::abs(line.at[1]) ? line.at[0] : line.at[1];
-      const double slope = known ? line.mean() : more;
+      const Vec3 e = facet_vertex(v, j) - facet_vertex(v, i);
+      const double length = norm(e);
+      double slope = line.mean(), weight = 1;
+      if (!line.known[0] && !line.known[1])
+      {
+        // Where a corner of the surface is cut off, the slope across its boundary is not known at
+        // either end, but perhaps the curvature at the third vertex. Between two boundaries, it is
+        // not known anywhere.
+        double sum = 0, count = 0;
+        for (std::size_t k = f * nv; k < (f + 1) * nv; ++k)
+          if (vertices[k].closed > 0)
+          {
+            sum += along(vertices[k].curvature, e);
+            ++count;
+          }
+        const double more = std::abs(line.at[0]) > std::abs(line.at[1]) ? line.at[0] : line.at[1];
+        slope = count > 0 ? sum / (2 * count) : more;
+        weight = count > 0 ? 1 : guess;
+      }
       // For an arc that starts at the angle φ to its chord of length l, the height is ½ l tan ½φ.
-      const double length = norm(facet_vertex(v, j) - facet_vertex(v, i));
-      out.push_back(0.5 * length * slope / (length + std::hypot(length, slope)));
+      out.insert(out.end(), {0.5 * length * slope / (length + std::hypot(length, slope)), weight});
     }
   }
   return out;

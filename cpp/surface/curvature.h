@@ -23,7 +23,8 @@ using Curvature = std::array<double, 6>;
 std::vector<Curvature> facet_curvature(const Surface& surface);
 
 /// Heights of the surface that the facets approximate above the middles of their edges, along a
-/// facet's normal at its centre, [facet][edge] in the order of facet_edges. They are computed from
+/// facet's normal at its centre, and the weight of this facet's height in the mean with that of the
+/// facet beside it, [facet][edge][2] in the order of facet_edges. They are computed from
 /// the same slopes as in facet_curvature and exact on circles. Collective.
 std::vector<double> edge_heights(const Surface& surface);
 

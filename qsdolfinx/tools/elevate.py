@@ -126,9 +126,9 @@ class _Nodes:
     def turned(self, surface: Surface) -> Array:
         """Displacement of nodes due to angles between adjacent facets, (nodes, 3). Collective."""
         x, nv = surface.coordinates[0], surface.num_facet_vertices
-        height = np.asarray(_cpp.edge_heights(surface.cpp_object))
+        height, weight = np.moveaxis(np.asarray(_cpp.edge_heights(surface.cpp_object)), -1, 0)
         normal = np.asarray(_cpp.flat_normals(surface.cpp_object))[:, -1:]  # in the middle
-        terms = np.concatenate(  # facets at an edge: number, flat midpoint, n nᵀ, n h
+        terms = np.concatenate(  # facets at an edge: weight, flat midpoint, n nᵀ, n h
             [
                 np.ones((*height.shape, 1)),
                 np.stack([(x[:, a] + x[:, b]) / 2 for a, b in EDGES[nv]], axis=1),
@@ -139,12 +139,14 @@ class _Nodes:
             axis=2,
         )  # fmt: skip
         edges = self._of_facets(surface)[:, nv : nv + len(EDGES[nv])]
+        terms *= weight[..., None]
         sums = self._summed(edges.ravel(), terms.reshape(-1, 16))
         some = sums[:, 0] > 0
+        sums[some] /= sums[some, :1]
         sums[:, 4:13] += self._beside(surface, sums[:, 4:13])
-        count, flat, squares, heights = np.split(sums[some], [1, 4, 13], axis=1)
+        _, flat, squares, heights = np.split(sums[some], [1, 4, 13], axis=1)
         out = np.zeros_like(self.x)
-        out[some] = flat / count + _raised(squares.reshape(-1, 3, 3), heights) - self.x[some]
+        out[some] = flat + _raised(squares.reshape(-1, 3, 3), heights) - self.x[some]
         return self._blended(out)
 
     def _beside(self, surface: Surface, squares: Array) -> Array:

@@ -102,7 +102,7 @@ def test_shrink_fit_3d(cell, kind):
     for side in ("slave", "master"):
         mean, scatter = scene.pressure(side)
         errors = abs(mean / exact_pressure() - 1), scatter / exact_pressure()
-        assert errors[0] < 0.012 and errors[1] < 0.025
+        assert errors[0] < 0.012 and errors[1] < 0.03
 
 
 @pytest.mark.parametrize(("cell", "n"), [("triangle", RINGS), ("quadrilateral", RINGS[::-1])])
