@@ -68,6 +68,28 @@ def test_cylinder(cell, along):
     assert largest(tensors(surface) - exact) < 0.05 / R
 
 
+@pytest.mark.parametrize("cell", ("hexahedron", "tetrahedron"))
+def test_oblique_facets(cell):
+    """The same holds for facets whose edges are neither parallel to the axis nor around it.
+
+    This is checked away from the ends of the surface.
+    """
+    part = body((12, 8, 1), cell)
+    x = part.mesh.geometry.x
+    angle, r, z = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x[:, :2], axis=1), x[:, 2].copy()
+    turned = angle + 0.02 * z
+    x[:] = np.column_stack([r * np.cos(turned), r * np.sin(turned), z + 3 * angle])
+    surface = part.surface(part.outer)
+    middle = surface.coordinates[0].mean(axis=1)
+    turned = np.arctan2(middle[:, 1], middle[:, 0])
+    angle = (turned - 0.02 * middle[:, 2]) / (1 - 0.06)
+    inside = (abs(angle - np.pi / 4) < 0.5) & (abs(middle[:, 2] - 3 * angle - 5) < 3)
+    around = np.column_stack([-np.sin(turned), np.cos(turned), 0 * turned])
+    exact = around[:, :, None] * around[:, None, :] / R
+    assert WORLD.allreduce(int(inside.sum()))
+    assert largest((tensors(surface) - exact)[inside]) < 0.05 / R
+
+
 @pytest.mark.parametrize("cell", CELLS)
 def test_creases_and_planes_are_not_curved(cell):
     """Sharp edges and planes have no curvature: all sides of a block as one surface."""
