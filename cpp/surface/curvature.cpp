@@ -399,7 +399,10 @@ std::vector<double> qsdolfinx::edge_heights(const Surface& surface)
             ++count;
           }
         const double more = std::abs(line.at[0]) > std::abs(line.at[1]) ? line.at[0] : line.at[1];
-        slope = count > 0 ? sum / (2 * count) : more;
+        // An arc of curvature κ starts at an angle to its chord whose sine is ½ κ l; at most 30°
+        // here.
+        const double sine = count > 0 ? std::clamp(sum / (2 * count * length), -0.5, 0.5) : 0;
+        slope = count > 0 ? length * sine / std::sqrt(1 - sine * sine) : more;
         weight = count > 0 ? 1 : guess;
       }
       // For an arc that starts at the angle φ to its chord of length l, the height is ½ l tan ½φ.
