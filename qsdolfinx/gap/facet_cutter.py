@@ -31,6 +31,9 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+#: Motion of the facets of both surfaces together, in mean facet sizes, for which pairs of nearby
+#: facets are kept.
+SKIN = 1.0
 #: Slave and master as separate objects of the extension, which can be moved alone.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
 
@@ -45,11 +48,13 @@ class Finder(typing.Protocol):
             their areas; None for other points.
         raised: Side over whose facets there may be a curved surface: 0 for the slave, 1 for the
             master.
+        kept_pairs: Pairs of facets that are kept between evaluations; None if each evaluation searches.
     """
 
     both: bool
     are_own: bool
     raised: int
+    kept_pairs: _cpp.KeptPairs | None
 
     @property
     def of_tool(self) -> tuple[Indices, Array] | None:
@@ -77,7 +82,9 @@ class Overlay:
     are_own, of_tool, raised = False, None, 1
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
-        self._slave, self.both, self._radius = slave, both, radius
+        self._slave, self.both = slave, both
+        #: See :class:`Finder`.
+        self.kept_pairs = _cpp.KeptPairs(radius, SKIN)
         self._rules = overlay_rules(slave.gdim, degree)
 
     def sides(self) -> Flags:
@@ -92,7 +99,7 @@ class Overlay:
         self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
-        return _cpp.overlay_pieces(*surfaces, self.both, self._radius, *self._rules), None
+        return _cpp.overlay_pieces(*surfaces, self.both, self.kept_pairs, *self._rules), None
 
 
 class Known(typing.NamedTuple):
@@ -130,6 +137,11 @@ class FacetCutter:
         self._moving = slave.twin(), master.twin(slave.axisymmetric)
         self._moved_to: Places | None = None
         self._known: Known | None = None
+
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See :class:`Cutter`."""
+        return self._finder.kept_pairs
 
     def node_area(self, places: Places) -> Array:
         """See :class:`Cutter`."""

@@ -214,10 +214,16 @@ class Cutter(typing.Protocol):
     Attributes:
         are_own: Whether points are vertices of the slave, each with a multiplier of its own.
         has_segments: Whether it is an :class:`OfSegments`, or else an :class:`OfSamples`.
+        kept_pairs: Pairs of facets that are kept between evaluations; None for other points than those
+            of segments.
     """
 
     are_own: bool
     has_segments: bool
+
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See above."""
 
     def node_area(self, places: Places) -> Array:
         """S_k of the slave at these positions. Collective."""
@@ -452,6 +458,11 @@ class Following:
     def neighbours(self) -> NeighbourMeans:
         """Means of multipliers over the neighbours of each patch. Collective."""
         return NeighbourMeans(self._slave)
+
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See :class:`Cutter`."""
+        return self._cutter.kept_pairs
 
     def pair(self) -> Places:
         """Store the positions of the surfaces when they were last read, and return them."""

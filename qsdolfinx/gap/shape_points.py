@@ -148,6 +148,7 @@ class ShapePoints:
     ) -> None:
         self._slave, self._tool, self._radius = slave, tool, radius
         self.has_segments = False
+        self.kept_pairs = None
         self.are_own = degree is None
         #: One facet vertex for each sharp node, (facets, vertices); None for points on facets.
         self._corners: Flags | None = None
