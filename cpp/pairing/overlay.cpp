@@ -882,7 +882,8 @@ qsdolfinx::conforming_points(const Surface& slave, const Surface& master,
   curved.found = &out;
   KeptPairs pairs(radius);
   pairs.find(slave, master, false);
-  Overlay(points, slave, master, true, 1, radius, pairs.of_slave(), Normals::bisector, rules, &curved)
+  Overlay(points, slave, master, true, 1, radius, pairs.of_slave(), Normals::bisector, rules,
+          &curved)
       .run();
   area = std::accumulate(points.weight.begin(), points.weight.end(), 0.0);
   return out;

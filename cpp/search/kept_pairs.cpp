@@ -74,7 +74,7 @@ NormalLine::NormalLine(const Frame& frame, std::span<const double> x, double rad
   double furthest = 0;
   for (std::size_t i = 0; i < x.size() / 3; ++i)
     furthest = std::max(furthest, norm(facet_vertex(x, static_cast<int>(i)) - frame.origin));
-  width = 1.001 * furthest;                                // for rounding
+  width = 1.001 * furthest;                               // for rounding
   const Vec3 reach = 2 * (radius + width) * frame.normal; // out of the facet's box
   start = frame.origin - reach;
   way = 2 * reach;
@@ -99,8 +99,8 @@ PairsOfCut::PairsOfCut(const Surface& cut, const Surface& other, double radius, 
   lines_.reserve(cut.num_facets());
   for (std::size_t f = 0; f < cut.num_facets(); ++f)
   {
-    const NormalLine& line = lines_.emplace_back(Frame(cut.type(), cut.facet_x(f)), cut.facet_x(f),
-                                                 radius);
+    const NormalLine& line
+        = lines_.emplace_back(Frame(cut.type(), cut.facet_x(f)), cut.facet_x(f), radius);
     others_.append(others.tree, line.part(skin));
     if (!of_itself)
       own_lists_.append(own.tree, line.part(2 * skin)); // both move

@@ -31,8 +31,9 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-#: Motion of the facets of both surfaces together, in mean facet sizes, for which pairs of nearby
-#: facets are kept.
+#: Motion of both surfaces together, in mean facet sizes, up to which pairs of facets are kept.
+#: With less, there are more searches; with much more, each evaluation goes through more pairs in
+#: vain. ``test_kept_pairs.py`` needs it for at most one search in ten evaluations.
 SKIN = 1.0
 #: Slave and master as separate objects of the extension, which can be moved alone.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
@@ -48,13 +49,17 @@ class Finder(typing.Protocol):
             their areas; None for other points.
         raised: Side over whose facets there may be a curved surface: 0 for the slave, 1 for the
             master.
-        kept_pairs: Pairs of facets that are kept between evaluations; None if each evaluation searches.
+        kept_pairs: Pairs of facets that are kept between evaluations; None for other points than
+            those of segments.
     """
 
     both: bool
     are_own: bool
     raised: int
-    kept_pairs: _cpp.KeptPairs | None
+
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See above."""
 
     @property
     def of_tool(self) -> tuple[Indices, Array] | None:

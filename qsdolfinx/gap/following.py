@@ -214,8 +214,8 @@ class Cutter(typing.Protocol):
     Attributes:
         are_own: Whether points are vertices of the slave, each with a multiplier of its own.
         has_segments: Whether it is an :class:`OfSegments`, or else an :class:`OfSamples`.
-        kept_pairs: Pairs of facets that are kept between evaluations; None for other points than those
-            of segments.
+        kept_pairs: Pairs of facets that are kept between evaluations; None for other points than
+            those of segments.
     """
 
     are_own: bool
