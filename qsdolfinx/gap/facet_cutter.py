@@ -31,9 +31,9 @@ from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
-#: Motion of both surfaces together, in mean facet sizes, up to which pairs of facets are kept.
-#: With less, there are more searches; with much more, each evaluation goes through more pairs in
-#: vain. ``test_kept_pairs.py`` needs it for at most one search in ten evaluations.
+#: Motion of both surfaces together, over the mean facet size, up to which pairs of facets are kept.
+#: It bounds the part of evaluations with a search; with much more, each evaluation goes through
+#: more pairs in vain.
 SKIN = 1.0
 #: Slave and master as separate objects of the extension, which can be moved alone.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
