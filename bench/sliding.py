@@ -1,13 +1,15 @@
 """Compare contact with updated geometry (finite sliding) with small sliding.
 
-A neo-Hookean cube is pressed on a larger one and pushed along it by --slide facets in one solve, of
-hexahedra, on one rank. A row for each enforcement and kind of sliding: Newton and Krylov iterations
-of the solve, multiplier updates, seconds, the fraction of contact in them (gap and insertion,
-including the segmentation at each evaluation), and the time of contact per Newton iteration and
-pair of intersecting facets.
+A neo-Hookean cube is pressed on a larger one and pushed along it by --slide facets in --steps
+solves, of hexahedra, on one rank. A row for each enforcement and kind of sliding: Newton and Krylov
+iterations of the solves, multiplier updates, seconds, the fraction of contact in them (gap and
+insertion, including the segmentation at each evaluation), and the time of contact per Newton
+iteration and pair of intersecting facets. With updated geometry also the number of evaluations of
+the segments, and of searches for nearby facets among them.
 
     python3 bench/sliding.py --cells 16 --json sliding.json
     python3 bench/sliding.py --cells 40 --enforcement penalty
+    python3 bench/sliding.py --cells 8 --slide 4 --steps 20
 """
 
 import argparse
@@ -27,7 +29,10 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 
-COLUMNS = "unknowns", "newton", "krylov", "updates", "seconds", "share", "us_per_pair"
+COLUMNS = (
+    *("unknowns", "newton", "krylov", "updates", "seconds", "share", "us_per_pair"),
+    *("evaluations", "searches"),
+)
 
 
 def cube(corners, n, E, fixed, touching):
@@ -60,24 +65,28 @@ def solve(p, sliding, enforcement):
         [[b[2]] for b in bodies],
         linear_solver=p.solver,
     )
-    upper[3].value[:] = p.slide * size, 0.0, -0.03
-    start = time.perf_counter()
-    problem.solve()
+    count, start = np.zeros(3, dtype=int), time.perf_counter()
+    for step in range(1, p.steps + 1):
+        upper[3].value[:] = p.slide * size * step / p.steps, 0.0, -0.03
+        problem.solve()
+        done = problem.num_iterations, problem.num_linear_iterations, problem.num_augmentations
+        count += done
     seconds = time.perf_counter() - start
     spent = {name: span.max for name, span in problem.timings.items()}
     of_contact = spent["gap"] + spent["insertion"] + spent["conversion"]
-    cut = contact.model.gaps[0].cut
+    cut, following = contact.model.gaps[0].cut, contact.model.gaps[0].following
+    kept = None if following is None else following.kept_pairs
     pairs = 1 if cut is None else cut.found.of_cutter.size
     row = {
         "sliding": sliding,
         "enforcement": enforcement,
         "unknowns": problem.system.x.getSize(),
-        "newton": problem.num_iterations,
-        "krylov": problem.num_linear_iterations,
-        "updates": problem.num_augmentations,
+        **dict(zip(("newton", "krylov", "updates"), count.tolist(), strict=True)),
         "seconds": seconds,
         "share": of_contact / seconds,
-        "us_per_pair": 1e6 * of_contact / problem.num_iterations / pairs if cut else 0.0,
+        "us_per_pair": 1e6 * of_contact / int(count[0]) / pairs if cut else 0.0,
+        "evaluations": kept.num_evaluations if kept else 0,
+        "searches": kept.num_searches if kept else 0,
         "stages": spent,
     }
     problem.destroy()
@@ -91,6 +100,7 @@ def main():
     add = parser.add_argument
     add("--cells", nargs="+", type=int, default=[16], help="cells along an edge, upper cube")
     add("--slide", type=float, default=1.0, help="slide, in facets of the upper cube")
+    add("--steps", type=int, default=1, help="solves, each with an equal part of the slide")
     enforcements = ["penalty", "augmented-lagrangian"]
     add("--enforcement", nargs="+", choices=enforcements, default=enforcements)
     add("--solver", default="amg")
@@ -106,7 +116,7 @@ def main():
                 text = f"{sliding:9}{enforcement:22}"
                 print(text + "".join(f"{row[name]:12.4g}" for name in COLUMNS), flush=True)
     if p.json:
-        write(p.json, circumstances(1) | {"slide": p.slide, "rows": rows})
+        write(p.json, circumstances(1) | {"slide": p.slide, "steps": p.steps, "rows": rows})
 
 
 if __name__ == "__main__":

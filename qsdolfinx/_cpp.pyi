@@ -141,6 +141,18 @@ class GapOperator:
     def constrain(self, slave: int, master: int) -> None:
         """Mark constrained unknowns; collective."""
 
+class KeptPairs:
+    """Pairs of facets of two surfaces that move, searched for again when one may be missing; see search/kept_pairs.h."""
+
+    def __init__(self, radius: SearchRadius, skin: float = 0.0) -> None: ...
+    @property
+    def num_evaluations(self) -> int:
+        """Number of uses so far."""
+
+    @property
+    def num_searches(self) -> int:
+        """Number of searches among them."""
+
 class PairingPoints:
     """Contact quadrature points of one choice of the slave; see pairing/pairing.h."""
 
@@ -595,7 +607,7 @@ def overlay_pieces(
     slave: Surface,
     master: Surface,
     both: bool,
-    radius: SearchRadius,
+    pairs: KeptPairs,
     piece_x: numpy.typing.NDArray[numpy.float64],
     piece_w: numpy.typing.NDArray[numpy.float64],
     edge_x: numpy.typing.NDArray[numpy.float64],

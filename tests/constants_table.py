@@ -260,9 +260,24 @@ CHANGED = [
         ("friction/test_dissipation.py::test_energy_under_an_edge",),
     ),
     Changed(
+        "gap/facet_cutter.py:SKIN",
+        (0.1,),
+        ("sliding/test_kept_pairs.py::test_block_dragged_in_steps",),
+    ),
+    Changed(
         "gap/following.py:MOST_TURNED",
         (1.0, 3.14159),
         ("gap/test_arcs.py::test_arcs", "gap/test_arcs.py::test_half_a_turn"),
+    ),
+    Changed(
+        "gap/neighbours.py:DECAY",
+        (1e-2,),
+        ("sliding/test_cover.py::test_block_that_covers_little_of_some_nodes",),
+    ),
+    Changed(
+        "gap/neighbours.py:ENOUGH",
+        (0.05, 1.0),
+        ("sliding/test_small_limit.py::test_nodes_beyond_the_end",),
     ),
     Changed("gap/turning.py:STEP", (0.1, 1e-320), ("gap/test_tie_across_gap.py::test_derivative",)),
     Changed("gap/overclosure.py:EVEN", (0.9,), ("gap/test_overclosed_sliding.py::test_uneven",)),

@@ -317,13 +317,13 @@ void qsdolfinx::bind_pairing(nb::module_& m)
           "Positions of the points, [point][3].");
   m.def(
       "overlay_pieces",
-      [](const Surface& slave, const Surface& master, bool both, const SearchRadius& radius,
+      [](const Surface& slave, const Surface& master, bool both, KeptPairs& pairs,
          In<double> piece_x, In<double> piece_w, In<double> edge_x, In<double> edge_w)
       {
         const OverlayRules rules{rule(piece_x, piece_w), rule(edge_x, edge_w)};
-        return overlay_pieces(slave, master, both, radius, rules);
+        return overlay_pieces(slave, master, both, pairs, rules);
       },
-      "slave"_a, "master"_a, "both"_a, "radius"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
+      "slave"_a, "master"_a, "both"_a, "pairs"_a, "piece_x"_a, "piece_w"_a, "edge_x"_a, "edge_w"_a,
       "Pieces of the overlay of surfaces with updated geometry; collective.");
   m.def(
       "vertex_pieces",

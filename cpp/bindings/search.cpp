@@ -2,6 +2,7 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "geometry/projection.h"
+#include "search/kept_pairs.h"
 #include "search/local_search.h"
 #include "search/passing.h"
 #include "search/winding.h"
@@ -65,6 +66,13 @@ void qsdolfinx::bind_search(nb::module_& m)
       .def(nb::init<double, bool>(), "largest"_a, "by_size"_a = false)
       .def_ro("largest", &SearchRadius::largest, "Largest search distance anywhere.");
   nb::implicitly_convertible<double, SearchRadius>();
+  nb::class_<KeptPairs>(
+      m, "KeptPairs",
+      "Pairs of facets of two surfaces that move, searched for again when one may "
+      "be missing; see search/kept_pairs.h.")
+      .def(nb::init<const SearchRadius&, double>(), "radius"_a, "skin"_a = 0.0)
+      .def_prop_ro("num_evaluations", &KeptPairs::num_evaluations, "Number of uses so far.")
+      .def_prop_ro("num_searches", &KeptPairs::num_searches, "Number of searches among them.");
 
   m.def(
       "closest_facets",

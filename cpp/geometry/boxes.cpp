@@ -113,3 +113,14 @@ void BoxTree::near(const Box& box, double radius, std::vector<std::size_t>& out)
   }
   std::sort(out.begin(), out.end());
 }
+
+const BoxTree& MovingTree::of(FacetType type, std::span<const double> x) const
+{
+  if (is_current_)
+    return *tree_;
+  const auto boxes = facet_boxes(type, x);
+  if (!tree_ || !tree_->follow(boxes))
+    tree_ = std::make_unique<BoxTree>(boxes);
+  is_current_ = true;
+  return *tree_;
+}

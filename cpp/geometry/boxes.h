@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <span>
 #include <vector>
 
 namespace qsdolfinx
@@ -219,6 +221,21 @@ private:
   std::vector<Entry> entries_;
   std::vector<Node> nodes_;
   double extent_ = 0; ///< when the tree was made
+};
+
+/// Tree of the boxes of facets that move, updated when it is used.
+class MovingTree
+{
+public:
+  /// Note that the facets have moved.
+  void moved() { is_current_ = false; }
+  /// The tree for facets at these positions. @param x [facet][vertex][3], the same ones until moved
+  /// is called
+  const BoxTree& of(FacetType type, std::span<const double> x) const;
+
+private:
+  mutable std::unique_ptr<BoxTree> tree_; ///< null until it is used
+  mutable bool is_current_ = false;
 };
 
 } // namespace qsdolfinx

@@ -1,7 +1,6 @@
 #include "pairing/overlay.h"
 #include "geometry/boxes.h"
 #include "pairing/roles.h"
-#include "parallel/exchange.h"
 #include "parallel/records.h"
 #include "search/local_search.h"
 #include "search/screen.h"
@@ -20,31 +19,6 @@ using namespace qsdolfinx;
 
 namespace
 {
-/// Facets of a surface that are near another surface's facets of this rank.
-struct NearbyFacets : FacetCopies
-{
-  int degree, num_trace, block;
-  std::vector<std::int64_t> dofs; ///< [facet][trace][block]
-  std::vector<int> owner;         ///< [facet][trace]
-  std::vector<std::uint8_t> side; ///< smooth sides, [facet][vertex]
-  std::vector<double> curvature;  ///< [facet][6], if requested
-  std::vector<double> heights;    ///< [facet][node of degree 2], if they are known
-  std::vector<double> trace_x;    ///< [facet][trace][3], of surfaces with updated geometry
-  std::vector<double> key;        ///< Surface::keys, of surfaces in self-contact
-
-  std::span<const double> key_of(std::size_t facet) const
-  {
-    return std::span(key).subspan(facet * key_size, key_size);
-  }
-
-  Curvature curvature_of(std::size_t facet) const
-  {
-    Curvature out;
-    std::copy_n(curvature.begin() + facet * out.size(), out.size(), out.begin());
-    return out;
-  }
-};
-
 /// What is known of the curved surface of one side.
 struct CurvedSide
 {
@@ -52,51 +26,6 @@ struct CurvedSide
   std::optional<std::vector<Curvature>> curvature{}; ///< by facet of this rank, if requested
   bool is_flat = true; ///< whether gaps are measured from flat facets, for chord errors
 };
-
-/// Copy the facets of `from` to all ranks whose facets of `to` may be within the radius. They
-/// arrive in an order that depends on the partition. Collective.
-NearbyFacets fetch_nearby(const Surface& from, const Surface& to, double radius,
-                          const CurvedSide& curved = {})
-{
-  const std::vector<Box> boxes = to.rank_boxes(radius);
-  const int nv = from.num_vertices(), nt = from.num_trace(), d = from.block();
-  std::vector<int> dest, owner;
-  std::vector<std::size_t> facets;
-  facets_in_boxes(from, boxes, dest, facets);
-  std::vector<double> x, orientation, curvature, heights, trace_x, key;
-  const int nh = trace_size(from.type(), 2);
-  std::vector<std::int64_t> dofs;
-  std::vector<std::uint8_t> side;
-  for (std::size_t f : facets)
-  {
-    append_record(x, from.facets().x, f, nv * 3);
-    append_record(orientation, from.facets().orientation, f, 1);
-    append_record(dofs, from.facets().dofs, f, nt * d);
-    append_record(owner, from.facets().owner, f, nt);
-    append_record(side, from.facets().vertex_side, f, nv);
-    if (curved.curvature)
-      append_record(curvature, (*curved.curvature)[f], 0, 6);
-    if (curved.heights)
-      append_record(heights, *curved.heights, f, nh);
-    if (from.follows())
-      append_record(trace_x, from.facets().trace_x, f, nt * 3);
-    if (from.touches_itself())
-      append_record(key, from.keys(), f, key_size);
-  }
-  const Exchange exchange(from.comm(), dest);
-  return {
-      {from.type(), exchange.forward<double>(x, nv * 3), exchange.forward<double>(orientation, 1)},
-      from.degree(),
-      nt,
-      d,
-      exchange.forward<std::int64_t>(dofs, nt * d),
-      exchange.forward<int>(owner, nt),
-      exchange.forward<std::uint8_t>(side, nv),
-      curved.curvature ? exchange.forward<double>(curvature, 6) : std::vector<double>{},
-      curved.heights ? exchange.forward<double>(heights, nh) : std::vector<double>{},
-      from.follows() ? exchange.forward<double>(trace_x, nt * 3) : std::vector<double>{},
-      from.touches_itself() ? exchange.forward<double>(key, key_size) : std::vector<double>{}};
-}
 
 /// Whether, in self-contact, a facet and a copy of another facet may be in contact with the given
 /// roles. @param is_slave whether the first facet is to be the slave
@@ -318,17 +247,19 @@ struct ShapeValues
 class Overlay
 {
 public:
+  /// Collective.
   Overlay(PairingPoints& points, const Surface& cut, const Surface& other, bool cut_is_slave,
-          double share, const SearchRadius& radius, Normals normals, const OverlayRules& rules,
-          const Curved& curved, Record* record = nullptr)
-      : points_(points), cut_(cut), curved_(curved), record_(record),
-        nearby_(fetch_nearby(other, cut, radius.largest, curved.other)),
-        tree_(facet_boxes(nearby_.type, nearby_.x)),
-        own_(fetch_nearby(cut, cut, 2 * radius.largest)), own_tree_(facet_boxes(own_.type, own_.x)),
-        ways_out_({view(nearby_, tree_)}, {view(own_, own_tree_)}), cut_is_slave_(cut_is_slave),
-        share_(share), radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules),
+          double share, const SearchRadius& radius, const PairsOfCut& pairs, Normals normals,
+          const OverlayRules& rules, const Curved& curved, Record* record = nullptr)
+      : points_(points), cut_(cut), curved_(curved), record_(record), pairs_(pairs),
+        nearby_(pairs.nearby()), own_(pairs.own()), cut_is_slave_(cut_is_slave), share_(share),
+        radius_(radius.largest), reach_(radius), normals_(normals), rules_(rules),
         of_itself_(cut.touches_itself() && other.touches_itself())
   {
+    if (curved.other.curvature)
+      curvature_ = pairs.copy(std::span<const Curvature>(*curved.other.curvature), 1);
+    if (curved.other.heights)
+      heights_ = pairs.copy(*curved.other.heights, trace_size(other.type(), 2));
   }
 
   /// Cut all facets. Collective.
@@ -349,22 +280,23 @@ private:
   {
     for (std::size_t f = 0; f < cut_.num_facets(); ++f)
     {
-      const Frame frame(cut_.type(), cut_.facet_x(f));
-      const PlanarFacet planar(cut_.type(), cut_.facet_x(f), frame);
       const std::size_t before = points_.size();
-      find_pieces(f, frame, planar);
-      find_own_screens(f, frame, planar);
-      for (const Piece& piece : pieces_)
-        if (piece.counts > 0)
-          append(f, planar, piece);
+      if (pairs_.has_others(f))
+        cut(f);
       if (points_.size() == before && !asking_)
         ++points_.num_unpaired;
     }
   }
 
-  static FacetView view(const FacetCopies& facets, const BoxTree& tree)
+  void cut(std::size_t f)
   {
-    return {facets.type, facets.x, facets.orientation, tree};
+    const Frame frame(cut_.type(), cut_.facet_x(f));
+    const PlanarFacet planar(cut_.type(), cut_.facet_x(f), frame);
+    find_pieces(f, frame, planar);
+    find_own_screens(f, frame, planar);
+    for (const Piece& piece : pieces_)
+      if (piece.counts > 0)
+        append(f, planar, piece);
   }
 
   void find_pieces(std::size_t f, const Frame& frame, const PlanarFacet& planar)
@@ -374,7 +306,7 @@ private:
     outward_ = cut_.normal(f, facet_centre(cut_.type()));
     tie_ = tie_tolerance * cut_.facets().size[f];
     const double area = measure(planar.polygon());
-    find_candidates(f, frame);
+    pairs_.find_others(cut_, f, frame, candidates_);
     for (std::size_t g : candidates_)
     {
       const Vec3 outward = nearby_.outward(g);
@@ -429,26 +361,6 @@ private:
     return true;
   }
 
-  /// Find nearby facets that may lie in front of or behind a facet, ascending.
-  void find_candidates(std::size_t f, const Frame& frame)
-  {
-    const auto v = cut_.facet_x(f);
-    double margin = 0;
-    for (std::size_t i = 0; i < v.size() / 3; ++i)
-      margin = std::max(margin, norm(facet_vertex(v, static_cast<int>(i)) - frame.origin));
-    margin *= 1.001; // for rounding
-    const Box wide = widened(box_of(v), radius_);
-    const Vec3 reach = 2 * (radius_ + margin) * frame.normal; // out of the box
-    candidates_.clear();
-    tree_.along(LinePart(frame.origin - reach, 2 * reach, 1, margin),
-                [&](std::size_t g)
-                {
-                  if (meet(wide, box_of(nearby_.facet_x(g))))
-                    candidates_.push_back(g);
-                });
-    std::ranges::sort(candidates_);
-  }
-
   /// Find facets of the surface that is cut which may be met by the lines between it and the
   /// pieces, or by the continuation of these lines by their own length beyond the pieces.
   void find_own_screens(std::size_t f, const Frame& frame, const PlanarFacet& planar)
@@ -456,7 +368,7 @@ private:
     own_screens_.clear();
     if (pieces_.empty() || of_itself_)
       return;
-    own_tree_.near(box_of_lines(f, frame), 0, candidates_);
+    pairs_.find_own(f, box_of_lines(f, frame), candidates_);
     for (std::size_t g : candidates_)
     {
       if (is_edge_on(own_.outward(g)) || apart(planar.polygon(), own_.facet_x(g), frame)
@@ -593,8 +505,11 @@ private:
   /// Whether x is behind y, but has entered the body through another face.
   bool has_shorter_way_out(std::size_t f, const Vec3& x, const Vec3& y)
   {
-    return dot(y - x, outward_) < -shallow_tolerance * cut_.facets().size[f]
-           && ways_out_.are_shorter({x, y, outward_, false, outward_});
+    if (dot(y - x, outward_) >= -shallow_tolerance * cut_.facets().size[f])
+      return false;
+    if (!ways_out_)
+      ways_out_.emplace(std::vector{pairs_.view_of_nearby()}, std::vector{pairs_.view_of_own()});
+    return ways_out_->are_shorter({x, y, outward_, false, outward_});
   }
 
   static bool same(std::span<const double> a, std::span<const double> b)
@@ -751,7 +666,7 @@ private:
   /// same way.
   double chord_error(std::size_t f, std::size_t other, std::size_t p, double gap)
   {
-    const Curvature of_cut = (*curved_.cut.curvature)[f], of_other = nearby_.curvature_of(other);
+    const Curvature of_cut = (*curved_.cut.curvature)[f], of_other = curvature_[other];
     const auto v = cut_.facet_x(f);
     if (!conforming(of_cut, of_other, cut_.type(), v))
       return 0;
@@ -772,8 +687,8 @@ private:
   {
     const auto of_cut = curved_.cut.heights.value_or(std::span<const double>{});
     const Lifted here = lifted(of_cut, f, cut_.type(), cut_.facet_x(f), here_.xi[p], n);
-    const Lifted there = lifted(nearby_.heights, other, nearby_.type, nearby_.facet_x(other),
-                                there_.xi[p], (1 / norm(a)) * a);
+    const Lifted there = lifted(heights_, other, nearby_.type, nearby_.facet_x(other), there_.xi[p],
+                                (1 / norm(a)) * a);
     outward = normal((1 / norm(here.normal)) * here.normal, there.normal);
     // Newton's step from each facet along the line to the surface above it. It reaches the surface
     // up to an error of third order.
@@ -823,12 +738,13 @@ private:
   PairingPoints& points_;
   const Surface& cut_;
   Curved curved_;
-  Record* record_;      // null if only points are needed
-  NearbyFacets nearby_; // of the other surface
-  BoxTree tree_;
-  NearbyFacets own_; // of the surface that is cut
-  BoxTree own_tree_;
-  WaysOut ways_out_;
+  Record* record_; // null if only points are needed
+  const PairsOfCut& pairs_;
+  const NearbyFacets& nearby_;       // of the other surface
+  const FacetCopies& own_;           // of the surface that is cut
+  std::vector<Curvature> curvature_; // of nearby facets, if requested
+  std::vector<double> heights_;      // of nearby facets' nodes of degree 2, if they are known
+  std::optional<WaysOut> ways_out_;  // of the first deep overlap
   bool cut_is_slave_;
   double share_, radius_; ///< the largest
   SearchRadius reach_;
@@ -864,12 +780,14 @@ PairingPoints qsdolfinx::overlay_surfaces(const Surface& slave, const Surface& m
 {
   PairingPoints points(slave, &master);
   const double share = both ? 0.5 : 1.0;
-  Overlay(points, slave, master, true, share, radius, normals, rules,
+  KeptPairs pairs(radius);
+  pairs.find(slave, master, both);
+  Overlay(points, slave, master, true, share, radius, pairs.of_slave(), normals, rules,
           {{.heights = slave_heights}, {.heights = master_heights}})
       .run();
   points.num_of_slave = points.size();
   if (both)
-    Overlay(points, master, slave, false, share, radius, normals, rules,
+    Overlay(points, master, slave, false, share, radius, pairs.of_master(), normals, rules,
             {{.heights = master_heights}, {.heights = slave_heights}})
         .run();
   return points;
@@ -895,21 +813,23 @@ Pieces no_pieces(const Surface& slave, const Surface& master)
 } // namespace
 
 Pieces qsdolfinx::overlay_pieces(const Surface& slave, const Surface& master, bool both,
-                                 const SearchRadius& radius, const OverlayRules& rules)
+                                 KeptPairs& pairs, const OverlayRules& rules)
 {
+  const SearchRadius& radius = pairs.radius();
   Pieces out = no_pieces(slave, master);
   PairingPoints none(slave, &master);
   const double share = both ? 0.5 : 1.0;
-  const auto cut = [&](const Surface& surface, const Surface& other)
+  pairs.find(slave, master, both);
+  const auto cut = [&](const Surface& surface, const Surface& other, const PairsOfCut& near)
   {
     Record record{out};
-    Overlay(none, surface, other, &surface == &slave, share, radius, Normals::facet, rules, {},
-            &record)
+    Overlay(none, surface, other, &surface == &slave, share, radius, near, Normals::facet, rules,
+            {}, &record)
         .run();
   };
-  cut(slave, master);
+  cut(slave, master, pairs.of_slave());
   if (both)
-    cut(master, slave);
+    cut(master, slave, pairs.of_master());
   solve_pieces(out);
   return out;
 }
@@ -924,7 +844,12 @@ Conforming qsdolfinx::conforming_points(const Surface& slave, const Surface& mas
                       &out.found};
   const bool flat = is_flat(slave, *curved.cut.curvature),
              master_flat = is_flat(master, *curved.other.curvature);
-  if (!flat && !master_flat)
-    Overlay(out.points, slave, master, true, 1, radius, Normals::bisector, rules, curved).run();
+  if (flat || master_flat)
+    return out;
+  KeptPairs pairs(radius);
+  pairs.find(slave, master, false);
+  Overlay(out.points, slave, master, true, 1, radius, pairs.of_slave(), Normals::bisector, rules,
+          curved)
+      .run();
   return out;
 }

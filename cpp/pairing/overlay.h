@@ -4,6 +4,7 @@
 #include "geometry/planar.h"
 #include "pairing/pairing.h"
 #include "pairing/pieces.h"
+#include "search/kept_pairs.h"
 #include "surface/heights.h"
 
 namespace qsdolfinx
@@ -51,8 +52,9 @@ PairingPoints overlay_surfaces(const Surface& slave, const Surface& master, bool
 /// measured along the normals of the facets that were cut; the ends of the rays have been solved
 /// for. Collective.
 /// @param slave, master surfaces with updated geometry, see Surface::follow
-Pieces overlay_pieces(const Surface& slave, const Surface& master, bool both,
-                      const SearchRadius& radius, const OverlayRules& rules);
+/// @param pairs of these surfaces, which are kept from one call to the next
+Pieces overlay_pieces(const Surface& slave, const Surface& master, bool both, KeptPairs& pairs,
+                      const OverlayRules& rules);
 
 /// A point of the overlay where both surfaces are curved the same way.
 struct ConformingPoint

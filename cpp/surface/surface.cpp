@@ -97,7 +97,7 @@ void Surface::move(std::span<const double> x, std::span<const double> inside)
   if (x.size() != facets_.x.size())
     throw std::invalid_argument("Surface::move: the number of coordinates has changed");
   std::ranges::copy(x, facets_.x.begin());
-  tree_follows_ = false;
+  tree_.moved();
   orient_and_measure(inside);
   measure_nodes();
 }
@@ -115,7 +115,7 @@ void Surface::follow(std::span<const double> trace_x)
     std::copy_n(trace_x.begin() + f * nt * 3, nv * 3, facets_.x.begin() + f * nv * 3);
     facets_.size[f] = std::sqrt(squared_size(type_, facet_x(f)));
   }
-  tree_follows_ = false;
+  tree_.moved();
 }
 
 Surface::~Surface()
@@ -411,17 +411,6 @@ std::vector<Box> qsdolfinx::boxes_of_ranks(MPI_Comm comm, const Box& box)
   std::vector<Box> boxes(static_cast<std::size_t>(size));
   MPI_Allgather(&box, width, MPI_DOUBLE, boxes.data(), width, MPI_DOUBLE, comm);
   return boxes;
-}
-
-const BoxTree& Surface::tree() const
-{
-  if (tree_ && tree_follows_)
-    return *tree_;
-  const auto boxes = facet_boxes(type_, facets_.x);
-  if (!tree_ || !tree_->follow(boxes))
-    tree_ = std::make_unique<BoxTree>(boxes);
-  tree_follows_ = true;
-  return *tree_;
 }
 
 std::vector<Box> Surface::rank_boxes(double radius) const

@@ -148,7 +148,7 @@ public:
   /// Whether ξ lies on an edge or vertex of the facet that bounds the surface.
   bool on_surface_boundary(std::size_t facet, std::array<double, 2> xi) const;
   /// Tree of the boxes of this rank's facets, built in the first call.
-  const BoxTree& tree() const;
+  const BoxTree& tree() const { return tree_.of(type_, facets_.x); }
   /// Boxes around the facets of each rank, widened by the radius. Collective.
   std::vector<Box> rank_boxes(double radius) const;
   /// Smallest and largest size, over all ranks, of the facets that take part in contact.
@@ -196,8 +196,7 @@ private:
   std::vector<double> key_;
   Facets facets_;
   Nodes nodes_;
-  mutable std::unique_ptr<BoxTree> tree_;   ///< null until tree() is called
-  mutable bool tree_follows_ = false;       ///< false after facets have moved
+  MovingTree tree_;                         ///< see tree()
   std::vector<std::size_t> vertices_;       ///< indices of the vertices of facets that take part in
                                             ///< contact
   std::unique_ptr<Exchange> to_owner_;      ///< from `vertices_` to their owners

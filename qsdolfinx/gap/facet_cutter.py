@@ -19,19 +19,22 @@ from qsdolfinx.gap.following import (
     PointState,
     SlipAtPoints,
     Vecs,
-    sides_of,
-    sums_of_sides,
 )
 from qsdolfinx.gap.own_rows import FacedVertices
 from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
+from qsdolfinx.surface.patches import patches_of_nodes, sums_of_patches
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+#: Motion of both surfaces together, over the mean facet size, up to which pairs of facets are kept.
+#: It bounds the part of evaluations with a search; with much more, each evaluation goes through
+#: more pairs in vain.
+SKIN = 1.0
 #: Slave and master as separate objects of the extension, which can be moved alone.
 Twins = tuple[_cpp.Surface, _cpp.Surface]
 
@@ -46,11 +49,17 @@ class Finder(typing.Protocol):
             their areas; None for other points.
         raised: Side over whose facets there may be a curved surface: 0 for the slave, 1 for the
             master.
+        kept_pairs: Pairs of facets that are kept between evaluations; None for other points than
+            those of segments.
     """
 
     both: bool
     are_own: bool
     raised: int
+
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See above."""
 
     @property
     def of_tool(self) -> tuple[Indices, Array] | None:
@@ -78,12 +87,14 @@ class Overlay:
     are_own, of_tool, raised = False, None, 1
 
     def __init__(self, slave: Surface, both: bool, radius: _cpp.SearchRadius, degree: int) -> None:
-        self._slave, self.both, self._radius = slave, both, radius
+        self._slave, self.both = slave, both
+        #: See :class:`Finder`.
+        self.kept_pairs = _cpp.KeptPairs(radius, SKIN)
         self._rules = overlay_rules(slave.gdim, degree)
 
     def sides(self) -> Flags:
         """See :class:`Finder`: all smooth patches."""
-        return sides_of(self._slave)
+        return patches_of_nodes(self._slave)
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """See :class:`Finder`."""
@@ -93,7 +104,7 @@ class Overlay:
         self, surfaces: Twins, places: Places, vertices: Array | None
     ) -> tuple[_cpp.Pieces, NormalsThere | None]:
         """See :class:`Finder`."""
-        return _cpp.overlay_pieces(*surfaces, self.both, self._radius, *self._rules), None
+        return _cpp.overlay_pieces(*surfaces, self.both, self.kept_pairs, *self._rules), None
 
 
 class Known(typing.NamedTuple):
@@ -132,6 +143,11 @@ class FacetCutter:
         self._moved_to: Places | None = None
         self._known: Known | None = None
 
+    @property
+    def kept_pairs(self) -> _cpp.KeptPairs | None:
+        """See :class:`Cutter`."""
+        return self._finder.kept_pairs
+
     def node_area(self, places: Places) -> Array:
         """See :class:`Cutter`."""
         self._put(places)
@@ -151,7 +167,7 @@ class FacetCutter:
         """See :class:`Cutter`."""
         known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
-        cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
+        cover = sums_of_patches(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
         own, faced = self._finder.of_tool, None
         if own is not None:
             faced = FacedVertices(*own, np.asarray(pieces.vertex))

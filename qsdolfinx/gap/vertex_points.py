@@ -40,7 +40,7 @@ class Vertices:
         sharp: Sharp vertices of the slave and of the master, None for a rigid tool.
     """
 
-    both, are_own, of_tool, raised = False, True, None, 1
+    both, are_own, of_tool, raised, kept_pairs = False, True, None, 1, None
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class ToolVertices:
         sharp: Sharp vertices of the slave.
     """
 
-    both, are_own, raised = True, False, 0
+    both, are_own, raised, kept_pairs = True, False, 0, None
 
     def __init__(
         self,

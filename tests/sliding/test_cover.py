@@ -70,3 +70,28 @@ def test_block_that_covers_little_of_some_nodes(over):
     area = (1.1 + over) ** 2
     assert contact.force("slave")[2] == pytest.approx(-1e-3 * area, rel=1e-8)
     assert largest(contact.penetration()) < 1e-9
+
+
+@pytest.mark.parametrize("swap", (False, True))
+def test_end_that_slides_along_facets(swap):
+    """Pressures at the end of a plate do not oscillate as a block slides off it.
+
+    With the constraints of hardly covered nodes alone they reached twenty times the mean pressure.
+    """
+    plate = Body(box(WORLD, (18, 3), "quadrilateral", [0.0, -0.3], [2.0, 0.0]), stiffness=1e4)
+    block = Body(box(WORLD, (10, 5), "quadrilateral", [1.1, 0.0], [2.1, 0.5]))
+    plate.clamp(plane(plate.mesh, 1, -0.3))
+    motion = block.clamp(plane(block.mesh, 1, 0.5))
+    surfaces = block.side(1, 0.0), plate.side(1, 0.0)
+    contact = qs.Contact(*(surfaces[::-1] if swap else surfaces), sliding="finite")
+
+    def drive(t, dt):
+        motion.value[:] = 0.01 * max(t - 1, 0.0), -0.02 * min(t, 1.0)
+
+    stepper = qs.TimeStepper(problem_of([plate, block], [contact]), 1.0, drive)
+    for t in stepper.run(22.0):  # by two facets
+        assert stepper.num_iterations <= 8
+        mean = -contact.force("slave")[1] / (0.9 - 0.01 * max(t - 1, 0.0))
+        multipliers = contact.model.gaps[0].state.augmented
+        assert largest(multipliers) < 8 * abs(mean)
+    assert stepper.num_cutbacks == 0

@@ -57,7 +57,7 @@ class Pass:
         for surface, side, x in zip(self.moving, self.sides, places, strict=True):
             surface.follow(np.ascontiguousarray(x[side.facets]))
         self.pieces = _cpp.overlay_pieces(
-            *self.moving, self.both, _cpp.SearchRadius(10.0), *overlay_rules(self.gdim, 4)
+            *self.moving, self.both, _cpp.KeptPairs(10.0), *overlay_rules(self.gdim, 4)
         )
         none, alone = np.zeros(0), np.zeros(0, dtype=np.int64)
         operator = _cpp.GapOperator(
