@@ -52,6 +52,11 @@ CHANGED = [
         "contact/advice.py:THIN", (0.04, 4.0), ("contact/test_warnings.py::test_chords_of_a_fit",)
     ),
     Changed("contact/model.py:BEYOND_REACH", (0.5,), ("contact/test_law_signs.py::test_peeling",)),
+    Changed(
+        "contact/passed.py:THIN",
+        (0.01,),
+        ("contact/test_passing.py::test_sheet_of_a_twohundredth_of_a_facet",),
+    ),
     Changed("contact/slid.py:TURNS", (3.0,), ("contact/test_turned.py::test_turned_in_a_solve",)),
     Changed(
         "contact/tool_corners.py:CARRIED",

@@ -27,6 +27,10 @@ from qsdolfinx.pairing.distance import on_facets
 
 Array = npt.NDArray[np.float64]
 
+#: Depth in the other surface, over the smallest facet, up to which a path does not count: a point
+#: that slides around an edge cuts off as much of it.
+THIN = 1e-3
+
 
 class Passed(typing.NamedTuple):
     """Point that has passed through a part of the other surface.
@@ -79,7 +83,7 @@ def find_passed(model: ContactModel, before: Placement) -> Passed | None:
     num_pieces = _num_pieces(model.comm, paths, NOTICED * size)
     slave, *others = (path.motion(num_pieces) for path in paths)
     # Pieces are that far from an arc, and so cut off up to three times as much of a corner.
-    least = (1 if num_pieces == 1 else 4) * NOTICED * size
+    least = (THIN if num_pieces == 1 else 4 * NOTICED) * size
     place = model.placement.master
     if is_analytic(place):
         found = [("slave", slave, _through_shape(place, slave, size))]

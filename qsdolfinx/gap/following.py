@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.gap.laws import Law
 from qsdolfinx.gap.neighbours import ENOUGH, NeighbourMeans
 from qsdolfinx.gap.no_value import NoGapError
@@ -547,14 +548,15 @@ class Following:
     def _missing_area(self, places: Places, found: Found) -> Array:
         """s_k of the patches of owned nodes, see ``NeighbourMeans``, (nodes, block). Collective.
 
-        Points at vertices of the slave have their whole area or none.
+        Points at vertices of the slave have their whole area or none. A little is added, since
+        facets may have no area at trial positions.
         """
+        whole = self._sides * self._slave.node_area[:, None]
         if self.points_are_own:
-            whole = self._sides * self._slave.node_area[:, None]
             return np.where(found.cover > 0, 0.0, whole)
-        areas = patch_areas(self._slave, self._corners(places))
-        wanted = self._sides & ~self.condensed
-        return np.where(wanted, np.maximum(ENOUGH * areas - found.cover, 0.0), 0.0)
+        missing = ENOUGH * patch_areas(self._slave, self._corners(places)) - found.cover
+        wanted = (missing >= 0) & self._sides & ~self.condensed
+        return np.where(wanted, missing + SOLVED * whole, 0.0)
 
     def _corners(self, places: Places) -> Array:
         return places[0][:, : self._slave.num_facet_vertices]

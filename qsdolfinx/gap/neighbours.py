@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 #: surface grow to twenty times the mean pressure; with the whole, nodes there bear too little.
 ENOUGH = 0.5
 #: Part of the means by which they are too small, so that multipliers fall to 0 far from covered
-#: nodes, and are determined if nothing is covered.
+#: nodes: if nothing is covered, they are determined.
 DECAY = 1e-5
 
 

@@ -107,17 +107,18 @@ class OntoASheet:
         kind: ``"facets"`` of a closed rigid sheet, a deformable ``"body"`` that is held at its
             ends, two thin analytic ``"bars"``, or a ``"round"`` tool whose centre reaches the
             surface.
+        thick: Thickness of the sheet.
     """
 
     DOWN = 0.2
 
-    def __init__(self, kind):
+    def __init__(self, kind, thick=THICK):
         n = (30, 5) if kind == "bars" else (10, 5)
         block = Body(box(WORLD, n, "quadrilateral", [0.0, 0.0], [1.0, 0.5]))
         top = block.clamp(block.boundary(lambda x: np.isclose(x[1], 0.5)))
         slave, bodies = block.side(1, 0.0), [block]
         if kind == "body":
-            low, high = [-0.5, -GAP - THICK], [1.5, -GAP]
+            low, high = [-0.5, -GAP - thick], [1.5, -GAP]
             sheet = Body(box(WORLD, (20, 2), "quadrilateral", low, high), stiffness=1e4)
             sheet.clamp(sheet.boundary(lambda x: np.isclose(abs(x[0] - 0.5), 1.0)))
             masters = [sheet.surface(boundary_of(sheet.mesh))]
@@ -125,7 +126,7 @@ class OntoASheet:
         elif kind == "facets":
             x = np.linspace(-0.5, 1.5, 21)
             upper = np.column_stack([x[::-1], np.full(21, -GAP)])
-            lower = np.column_stack([x, np.full(21, -GAP - THICK)])
+            lower = np.column_stack([x, np.full(21, -GAP - thick)])
             k = np.arange(42)
             sides = np.column_stack([k, (k + 1) % 42])
             masters = [qs.RigidSurface.triangulated(WORLD, np.concatenate([upper, lower]), sides)]
@@ -158,6 +159,14 @@ def test_large_steps_do_not_pass_through_a_thin_part(kind):
     assert stepper.num_cutbacks > 0 and small.num_cutbacks == 0
     assert expected > 0.5 and np.isclose(force, expected, rtol=1e-5)
     assert any("passed through a part" in attempt.reason for attempt in stepper.log)
+
+
+def test_sheet_of_a_twohundredth_of_a_facet():
+    """Neither a large step nor small ones pass through a very thin part."""
+    stepper, force = OntoASheet("facets", 5e-4).stepped(1.0)
+    small, expected = OntoASheet("facets", 5e-4).stepped(0.125)
+    assert stepper.num_cutbacks > 0 and small.num_cutbacks > 0
+    assert expected > 0.5 and np.isclose(force, expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("kind", ("facets", "body", "bars", "round"))

@@ -2,6 +2,7 @@
 
 import warnings
 
+import numpy as np
 import pytest
 from following import Body, Boxes, problem_of
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
@@ -95,3 +96,22 @@ def test_end_that_slides_along_facets(swap):
         multipliers = contact.model.gaps[0].state.augmented
         assert largest(multipliers) < 8 * abs(mean)
     assert stepper.num_cutbacks == 0
+
+
+def test_facets_without_area():
+    """Multipliers are determined where a facet has no area at a trial position."""
+    plate = Body(box(WORLD, (8, 2), "quadrilateral", [0.0, -0.5], [4.0, 0.0]))
+    block = Body(box(WORLD, (3, 2), "quadrilateral", [1.2, 0.0], [2.2, 1.0]))
+    for body, up in ((plate, -0.5), (block, 1.0)):
+        body.clamp(plane(body.mesh, 1, up))
+    contact = qs.Contact(plate.side(1, 0.0), block.side(1, 0.0), sliding="finite")
+    problem = problem_of([plate, block], [contact])
+    problem.set_up()
+    equations = qs.Equations(problem.system)
+    z = equations.first()
+    at = plate.V.tabulate_dof_coordinates()[: plate.num_owned // 2]
+    last = (at[:, 0] > 3.9) & (at[:, 1] > -0.1)
+    equations.part(z, 0).reshape(-1, 2)[last, 0] = -0.5  # onto the next node
+    equations.evaluate(z)
+    areas = equations.passes[0].rows.condensed.areas
+    assert WORLD.allreduce(len(areas)) == 9 and np.all(areas > 0)
