@@ -492,7 +492,8 @@ class Crumpled:
         for parts, node in zip(boundary.around(), boundary.nodes, strict=True):
             f = forces[node]
             size = np.linalg.norm(f)
-            beside = np.linalg.norm(forces[boundary.simplices[parts].ravel()], axis=1).max()
+            corners = boundary.simplices[parts].ravel()  # middles of quadrilaterals are no nodes
+            beside = np.linalg.norm(forces[corners[corners < len(forces)]], axis=1).max()
             # Forces across a depth have a moment, and the nodes of a facet a couple against it.
             depth = max(0.0, -gap[parts].min()) / boundary.size[parts].min()
             none = max(10 * NO_FORCE * unit, max(LITTLE, depth) * beside)

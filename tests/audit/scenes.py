@@ -91,7 +91,8 @@ class Scene:
         upper = f"{self.cells[1]} {self.n[1]}" if self.tool == "none" else self.tool
         o = self.options
         words = [f"{self.cells[0]} {self.n[0]}", upper, o["formulation"], o["quadrature"]]
-        words += [o["constraints"]] * ("constraints" in o)
+        if "constraints" in o:
+            words.append(o["constraints"])
         words += [o["enforcement"], f"P{self.degree}", self.solver, self.history]
         for name in ("large", "loaded", "dragged", "symmetric", "swapped", "tied"):
             words += [name] * getattr(self, name)

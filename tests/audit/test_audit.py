@@ -38,6 +38,13 @@ def test_some_that_follow():
     check(numbers, draw=following(random_scene))
 
 
+def test_lines_of_scenes():
+    """Reports of faults name scenes with and without a choice of constraints."""
+    for scene in (random_scene(24), following(random_scene)(24, False)):
+        constraints = scene.options.get("constraints")
+        assert (f", {constraints}, " in str(scene)) == (constraints is not None)
+
+
 def test_histories_that_follow():
     """The history variables of quadrature points are kept in a checkpoint."""
     check([20, 39], draw=following(random_history))
