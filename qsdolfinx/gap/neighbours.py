@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 ENOUGH = 0.5
 #: Part of the means by which they are too small, so that multipliers fall to 0 far from covered
 #: nodes: if nothing is covered, they are determined.
-DECAY = 1e-5
+DECAY = 1e-9
 
 
 class NeighbourMeans:

@@ -115,3 +115,26 @@ def test_facets_without_area():
     equations.evaluate(z)
     areas = equations.passes[0].rows.condensed.areas
     assert WORLD.allreduce(len(areas)) == 9 and np.all(areas > 0)
+
+
+@pytest.mark.parametrize("width", (0.02, 0.1))
+def test_patch_on_a_narrow_pad(width):
+    """A block on two stiff plates has one pressure, also where a plate is a part of its facet.
+
+    Multipliers far away must not pull on those of the few nodes that the narrow plate covers.
+    """
+    up = Body(box(WORLD, (4, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
+    plates = [
+        Body(box(WORLD, (n, 2), "quadrilateral", [a, -1.0], [b, 0.0]), stiffness=1e4)
+        for n, a, b in ((1, 0.0, width), (5, width, 1.0))
+    ]
+    for body, a, b in zip((up, *plates), (0.0, 0.0, width), (1.0, width, 1.0), strict=True):
+        body.hold(0, 0, a)
+        body.hold(0, 0, b)
+    for plate in plates:
+        plate.hold(1, 1, -1.0)
+    up.hold(1, 1, 1.0, -0.02)
+    contacts = [qs.Contact(up.side(1, 0.0), b.side(1, 0.0), sliding="finite") for b in plates]
+    problem_of([up, *plates], contacts).solve()
+    narrow, wide = (c.force("slave")[1] for c in contacts)
+    assert narrow / width == pytest.approx(wide / (1 - width), rel=1e-5)
