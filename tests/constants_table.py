@@ -274,16 +274,6 @@ CHANGED = [
         (1.0, 3.14159),
         ("gap/test_arcs.py::test_arcs", "gap/test_arcs.py::test_half_a_turn"),
     ),
-    Changed(
-        "gap/neighbours.py:DECAY",
-        (1e-5,),
-        ("sliding/test_cover.py::test_patch_on_a_narrow_pad",),
-    ),
-    Changed(
-        "gap/neighbours.py:ENOUGH",
-        (0.05, 1.0),
-        ("sliding/test_small_limit.py::test_nodes_beyond_the_end",),
-    ),
     Changed("gap/turning.py:STEP", (0.1, 1e-320), ("gap/test_tie_across_gap.py::test_derivative",)),
     Changed("gap/overclosure.py:EVEN", (0.9,), ("gap/test_overclosed_sliding.py::test_uneven",)),
     Changed(

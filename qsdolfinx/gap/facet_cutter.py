@@ -19,12 +19,13 @@ from qsdolfinx.gap.following import (
     PointState,
     SlipAtPoints,
     Vecs,
+    sides_of,
+    sums_of_sides,
 )
 from qsdolfinx.gap.own_rows import FacedVertices
 from qsdolfinx.gap.vertex_normals import NormalsThere, new_matrix
 from qsdolfinx.pairing.pair import overlay_rules
 from qsdolfinx.surface.affine import trace_vec
-from qsdolfinx.surface.patches import patches_of_nodes, sums_of_patches
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
 
@@ -94,7 +95,7 @@ class Overlay:
 
     def sides(self) -> Flags:
         """See :class:`Finder`: all smooth patches."""
-        return patches_of_nodes(self._slave)
+        return sides_of(self._slave)
 
     def choose(self, surfaces: Twins, places: Places) -> Array | None:
         """See :class:`Finder`."""
@@ -167,7 +168,7 @@ class FacetCutter:
         """See :class:`Cutter`."""
         known = self._pieces(places, vertices)
         pieces, slave = known.pieces, self._surfaces[0]
-        cover = sums_of_patches(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
+        cover = sums_of_sides(slave, np.asarray(pieces.side_dofs()), np.asarray(pieces.cover()))
         own, faced = self._finder.of_tool, None
         if own is not None:
             faced = FacedVertices(*own, np.asarray(pieces.vertex))

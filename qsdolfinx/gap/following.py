@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import typing
 
 from mpi4py import MPI
@@ -14,14 +13,12 @@ import numpy.typing as npt
 
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.handles import handle_of
-from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.gap.laws import Law
-from qsdolfinx.gap.neighbours import ENOUGH, NeighbourMeans
 from qsdolfinx.gap.no_value import NoGapError
 from qsdolfinx.gap.own_rows import FacedVertices, OwnRows
 from qsdolfinx.gap.vertex_normals import NormalsThere
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.surface.affine import trace_positions
-from qsdolfinx.surface.patches import patch_areas, patches_of_facets, share_gradients
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
 from qsdolfinx.tools.rigid_surface import AnySurface, is_rigid
@@ -64,9 +61,7 @@ class Found(typing.NamedTuple):
 
 
 class Alone(typing.NamedTuple):
-    """Points without a partner, for the missing area of hardly covered nodes.
-
-    Each has the multiplier of one smooth patch of a node, see ``NeighbourMeans``.
+    """Points without a partner, each with the multiplier of one smooth patch of a node.
 
     Attributes:
         unknown: Global unknowns of the slave that represent these patches of owned nodes; −1 for
@@ -124,12 +119,10 @@ class Changes(typing.NamedTuple):
     beside: tuple[int, PETSc.Mat] | None = None
 
 
-#: Derivatives of Σ_p w_p r_p N_k of functions of the slave's nodes, since areas and tangent planes
-#: change: unknowns of the slave that represent patches of nodes, unknowns of a body (−1 at
-#: Dirichlet conditions), and values.
-OfBody = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]
-#: These of each body.
-Mixed = list[OfBody]
+#: For each body, derivatives of Σ_p w_p r_p N_k of functions of the slave's nodes, since areas and
+#: tangent planes change: unknowns of the slave that represent patches of nodes, unknowns of the
+#: body (−1 at Dirichlet conditions), and values.
+Mixed = list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]]
 
 
 class Kept(typing.NamedTuple):
@@ -321,7 +314,6 @@ class OfSamples(Cutter, typing.Protocol):
         self,
         found: Found,
         rest: Array,
-        missing: Array,
         markers: Vecs,
         turning: tuple[Array, int] | None,
     ) -> Mixed | None:
@@ -330,8 +322,6 @@ class OfSamples(Cutter, typing.Protocol):
         Args:
             found: Contact pairs at these positions.
             rest: r_p, (rows,).
-            missing: r of points without a partner at the facets' vertices, (facets, vertices): as
-                much area as the points cover, these lose.
             turning: Vectors, (rows, gdim), that stay in the tangent plane, and the number of their
                 component that is r_p; None if there are none.
             markers: As for :meth:`add_curvature_of_points`.
@@ -389,8 +379,7 @@ class Cut:
         found: Contact pairs.
         operator: Derivative of the gaps; its ``initial_gap`` is −g.
         alone: Points without a partner; they are the last of the points.
-        lacking: Patches with these points; none for vertices of a tool, (nodes, block).
-        condensed: See :attr:`Following.condensed`.
+        least_cover: See :attr:`Following.least_cover`.
         own: Multipliers of vertices of a tool; None for multipliers at nodes.
     """
 
@@ -400,8 +389,7 @@ class Cut:
     found: Found
     operator: _cpp.GapOperator
     alone: Alone
-    lacking: Flags
-    condensed: Flags
+    least_cover: Array
     own: OwnRows | None = None
 
     @property
@@ -441,12 +429,8 @@ class Following:
         self._jump: tuple[Cut, _cpp.GapOperator] | None = None
         self._slip: tuple[Cut, Places, SlipAtPoints] | None = None
         self._marked: Vecs | None = None
-        self._patches = patches_of_facets(slave)
-        self._at_patches = TraceValues(slave, self._patches[:, :, None])
-        self._sides = cutter.sides()
-        #: Patches of owned nodes without an area that could be missing, since their multipliers are
-        #: condensed, (nodes, block).
-        self.condensed: Flags = np.zeros_like(self._sides)
+        #: See ``PointRows.least_cover``.
+        self.least_cover: Array = LEAST_COVER * cutter.sides() * slave.node_area[:, None]
         #: Evaluation for which the sparsity pattern of the tangent blocks was made; None before.
         self._pattern_of: Cut | None = None
 
@@ -454,11 +438,6 @@ class Following:
     def points_are_own(self) -> bool:
         """Whether points are vertices of the slave, each with a multiplier of its own."""
         return self._cutter.are_own
-
-    @functools.cached_property
-    def neighbours(self) -> NeighbourMeans:
-        """Means of multipliers over the neighbours of each patch. Collective."""
-        return NeighbourMeans(self._slave)
 
     @property
     def kept_pairs(self) -> _cpp.KeptPairs | None:
@@ -512,7 +491,7 @@ class Following:
         last, comm = self._last, self._slave.comm
         there = last is not None and _equal(last.places, places)
         same = there and last is not None and last.vertices is vertices
-        same = same and last is not None and last.condensed is self.condensed
+        same = same and last is not None and last.least_cover is self.least_cover
         agreed = np.array([there, same], dtype=bool)
         comm.Allreduce(MPI.IN_PLACE, agreed, op=MPI.LAND)
         there, same = map(bool, agreed)
@@ -533,44 +512,28 @@ class Following:
                 "opposite facet: the deformed facets are too curved for their size"
             )
         node_area = self._cutter.node_area(places)
-        missing = self._missing_area(places, found)
-        alone, lacking = self._alone(found, missing)
+        alone = self._alone(found, vertices)
         operator = self._cutter.operator_at_points(found, alone)
         self._constrain(operator)
         own = None
         if found.vertices is not None:
             own = OwnRows.of(found.vertices, np.asarray(operator.row_area))
-        self._last = Cut(
-            places, vertices, node_area, found, operator, alone, lacking, self.condensed, own
-        )
+        self._last = Cut(places, vertices, node_area, found, operator, alone, self.least_cover, own)
         return self._last
 
-    def _missing_area(self, places: Places, found: Found) -> Array:
-        """s_k of the patches of owned nodes, see ``NeighbourMeans``, (nodes, block). Collective.
+    def _alone(self, found: Found, vertices: Array | None) -> Alone:
+        """Points that keep multipliers regular where hardly anything is covered. Collective.
 
-        Points at vertices of the slave have their whole area or none. A little is added, since
-        facets may have no area at trial positions.
+        If less than a part of a node's area is covered, a point with an open gap has the rest of
+        this part, so that the multiplier is 0 where nothing is opposite.
         """
-        whole = self._sides * self._slave.node_area[:, None]
-        if self.points_are_own:
-            return np.where(found.cover > 0, 0.0, whole)
-        missing = ENOUGH * patch_areas(self._slave, self._corners(places)) - found.cover
-        wanted = (missing >= 0) & self._sides & ~self.condensed
-        return np.where(wanted, missing + SOLVED * whole, 0.0)
-
-    def _corners(self, places: Places) -> Array:
-        return places[0][:, : self._slave.num_facet_vertices]
-
-    def _alone(self, found: Found, missing: Array) -> tuple[Alone, Flags]:
-        """Points with an open gap that have the missing areas, and their patches."""
         if found.vertices is not None:
             lost = found.vertices.lost
-            none = np.zeros(missing.shape, dtype=bool)
-            area = found.vertices.area[lost]
-            return Alone(np.full(len(lost), -1), area, self.radius), none
-        lacking = missing > 0
-        dofs = self._slave.node_dofs[lacking].astype(np.int64)
-        return Alone(dofs, missing[lacking], self.radius), lacking
+            return Alone(np.full(len(lost), -1), found.vertices.area[lost], self.radius)
+        # Areas of the surface at the start: these parts change with the covered areas alone.
+        slave, missing = self._slave, self.least_cover - found.cover
+        some = missing > 0
+        return Alone(slave.node_dofs[some].astype(np.int64), missing[some], self.radius)
 
     def slip_at_points(self, last: Cut, start: Places) -> SlipAtPoints:
         """Slip at the points of the last evaluation relative to these positions. Collective."""
@@ -739,57 +702,34 @@ class Following:
     def mixed(
         self, last: Cut, rest: Array, turning: tuple[Array, int] | None = None
     ) -> Mixed | None:
-        """Change of Σ_p w_p r_p N_k with the facets; None without any. Collective.
-
-        At points of segments only that of the missing areas with the areas of the patches:
-        :meth:`add_point_forces` has the other terms.
-
-        Args:
-            last: The last evaluation.
-            rest: r_p, (rows,).
-            turning: See :class:`Cutter`.
-        """
+        """Change of Σ_p w_p r_p N_k with the facets, see :class:`Cutter`. Collective."""
         assert self._marked is not None
-        missing = np.zeros(self._patches.shape)
-        are_at_patches = not self.points_are_own and last.found.vertices is None
-        if are_at_patches:
-            vec = self._slave.create_vec()
-            at = last.alone.unknown - vec.owner_range[0]
-            vec.array[at] = rest[len(rest) - len(at) :]
-            missing = self._at_patches(vec)[:, :, 0]
-            vec.destroy()
-        found = None
-        if not self.has_segments:
-            found = self._samples.mixed(last.found, rest, missing, self._marked, turning)
-        if not are_at_patches:
-            return found
-        of_areas = self._by_areas(last, missing)
-        if not found:
-            return [of_areas]
-        first, *others = found
-        return [_concatenated(first, of_areas), *others]
-
-    def _by_areas(self, last: Cut, missing: Array) -> OfBody:
-        """Derivative of l S_k times values at the facets' vertices, (facets, vertices)."""
-        assert self._marked is not None
-        gdim, n = self._slave.gdim, self._slave.num_facet_vertices
-        some = np.flatnonzero(np.any(missing != 0, axis=1))
-        by = share_gradients(self._slave, self._corners(last.places)[some])[:, :, :gdim]
-        value = np.einsum("fk,fjc->fkjc", ENOUGH * missing[some], by)
-        fixed = self._values[0](self._marked[0])[some, :n, :gdim] != 0
-        unknown = np.where(fixed, -1, self._slave.trace_dofs[0][some, :n])
-        row = np.broadcast_to(self._patches[some][:, :, None, None], value.shape)
-        column = np.broadcast_to(unknown[:, None], value.shape)
-        return row.ravel().astype(np.int64), column.ravel().astype(np.int64), value.ravel()
-
-
-def _concatenated(a: OfBody, b: OfBody) -> OfBody:
-    return (
-        np.concatenate([a[0], b[0]]),
-        np.concatenate([a[1], b[1]]),
-        np.concatenate([a[2], b[2]]),
-    )
+        return self._samples.mixed(last.found, rest, self._marked, turning)
 
 
 def _equal(a: Places, b: Places) -> bool:
     return all(x is y or np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def sides_of(slave: Surface) -> Flags:
+    """Smooth patches of owned nodes, (nodes, block). Collective."""
+    surface, nv = slave.cpp_object, slave.num_facet_vertices
+    sides = np.asarray(surface.vertex_side)[:, :nv, None].astype(np.int64)
+    dofs = np.take_along_axis(np.asarray(surface.facet_dofs)[:, :nv], sides, axis=2).ravel()
+    return np.asarray(sums_of_sides(slave, dofs, np.ones(len(dofs))) > 0)
+
+
+def sums_of_sides(slave: Surface, dofs: npt.NDArray[np.int64], values: Array) -> Array:
+    """Sums of values at the smooth patches of owned nodes, (nodes, block). Collective.
+
+    Args:
+        slave: The surface.
+        dofs: Unknowns that represent the patches, of any rank, (n,).
+        values: The values, (n,).
+    """
+    vec = slave.create_vec()
+    vec.setValues(dofs.astype(PETSc.IntType), values, PETSc.InsertMode.ADD_VALUES)
+    vec.assemble()
+    out: Array = vec.array_r[slave.node_dofs - vec.owner_range[0]].copy()
+    vec.destroy()
+    return out

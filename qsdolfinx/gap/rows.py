@@ -17,7 +17,6 @@ import qsdolfinx._cpp as _cpp
 from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.pairing.pair import LEAST_COVER
-from qsdolfinx.surface.patches import patch_areas, patches_of_facets
 from qsdolfinx.surface.surface import Surface
 
 Array = npt.NDArray[np.float64]
@@ -284,19 +283,13 @@ class PointRows(Rows):
         num_alone: int = 0,
     ) -> None:
         super().__init__(operator, slave)
-        self._are_own = are_own
-        #: 1 at points, 0 at those without a partner, shape (rows,).
-        self._has_partner: Array = np.ones(operator.num_rows)
-        self._has_partner[operator.num_rows - num_alone :] = 0.0
+        self._are_own, self._num_alone = are_own, num_alone
         #: Σ_p w_p N_k(ξ_p) of the smooth patches of the owned nodes, shape (nodes, block).
-        self.cover_of_sides: Array = self._sums(self._has_partner)
+        self.cover_of_sides: Array = self._sums(np.ones(operator.num_rows))
         #: The same for nodes: the covered part of S_k.
         self.cover: Array = self.cover_of_sides.sum(axis=1)
-        least = ROUNDING * slave.node_area[:, None]
         #: Whether a patch of a node is covered at least in part, shape (nodes, block).
-        self.covered: Flags = self.cover_of_sides > least
-        #: Whether it has a point, with or without a partner, shape (nodes, block).
-        self.has_points: Flags = self._sums(np.ones(operator.num_rows)) > least
+        self.covered: Flags = self.cover_of_sides > ROUNDING * slave.node_area[:, None]
 
     def areas(self, now: Array, paired: Array) -> Array:
         """Weights of the points, with the parts N_k scaled by the change of area of node k."""
@@ -308,14 +301,10 @@ class PointRows(Rows):
         return np.flatnonzero(self.cover > ROUNDING * self.slave.node_area)
 
     def on_nodes(self, values: npt.NDArray[np.generic], missing: float) -> npt.NDArray[np.generic]:
-        """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; for flags whether any is set.
-
-        Points without a partner do not count.
-        """
+        """Means Σ_p w_p N_k c_p / Σ_p w_p N_k; for flags whether any is set."""
         flags = values.dtype == bool
         columns = values.reshape(len(values), int(np.prod(values.shape[1:], dtype=int)))
-        each = columns.T.astype(np.float64) * self._has_partner
-        sums = [self._sums(c).sum(axis=1) for c in each]
+        sums = [self._sums(c).sum(axis=1) for c in columns.T.astype(np.float64)]
         means = np.full((len(self.cover), len(sums)), missing, dtype=np.float64)
         at = self.reached
         means[at] = np.column_stack(sums)[at] / self.cover[at, None]
@@ -393,7 +382,7 @@ class PointRows(Rows):
             return out if extension is None else extension.fill(out)
 
         def gathered(values: Array) -> Array:
-            sums = self._sums(self._has_partner * values)
+            sums = self._sums(values)
             sums = sums if extension is None else extension.gather(sums)
             return np.where(free, sums, 0.0)
 
@@ -459,15 +448,39 @@ class PointRows(Rows):
                 redundant; None for none.
         """
         hardly = (
-            self.covered
-            & (self.cover_of_sides < LEAST_COVER * self.area_of_sides)
-            & (not self._are_own)
+            self.covered & (self.paired < LEAST_COVER * self.area_of_sides) & (not self._are_own)
         )
         found = self.extension(hardly, hardly, held)
         if found is None or found is held:
             return held
         hardly = hardly & found.filled
         return self.extension(hardly, hardly, held)
+
+    @functools.cached_property
+    def paired(self) -> Array:
+        """Area of each patch that points with a partner cover, (nodes, block)."""
+        each = np.ones(self.operator.num_rows)
+        each[len(each) - self._num_alone :] = 0.0
+        return self._sums(each)
+
+    def least_cover(self, extended: Extension | None) -> Array:
+        """Covered areas of patches below which points without a partner have the rest. Collective.
+
+        Of condensed multipliers this is hardly anything: it would reduce those of the neighbours,
+        by 1.5 % of displacements in ``tests/sliding/test_small_limit.py``, "swapped". Multipliers
+        that are hardly covered now, but not condensed, keep half of what is covered.
+
+        Args:
+            extended: Extension of condensed multipliers; None for none.
+
+        Returns:
+            The areas, (nodes, block).
+        """
+        area, paired = self.area_of_sides, self.paired
+        least = LEAST_COVER * area
+        hardly = (paired > 0) & (paired < least) & (not self._are_own)
+        out = np.where(hardly, paired / 2, least)
+        return out if extended is None else np.where(extended.filled, 1e-8 * area, out)
 
     def largest_of_sides(self, values: Array) -> Array:
         """The largest value of the points in the support of each patch of an owned node, or −∞."""
@@ -507,9 +520,31 @@ class PointRows(Rows):
 
     @functools.cached_property
     def area_of_sides(self) -> Array:
-        """∫ N_k of the patches of the owned nodes, shape (nodes, block)."""
-        x = self.slave.coordinates[0][:, : self.slave.num_facet_vertices]
-        return patch_areas(self.slave, x)
+        """∫ N_k of the patches of the owned nodes, of rings if axisymmetric, (nodes, block)."""
+        slave = self.slave
+        corners = slave.coordinates[0][:, : slave.num_facet_vertices]
+        if slave.num_facet_vertices == 2:
+            area = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+        else:  # for quadrilaterals, with vertices in tensor order, both halves
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            area = np.linalg.norm(normals, axis=1) * (slave.num_facet_vertices - 2) / 2
+        if slave.axisymmetric:
+            area = area * 2 * np.pi * corners[:, :, 0].mean(axis=1)
+        shares = np.repeat(area / slave.num_facet_vertices, slave.num_facet_vertices)
+        vec = slave.create_vec()
+        vec.setValues(
+            self._corners.ravel().astype(PETSc.IntType), shares, PETSc.InsertMode.ADD_VALUES
+        )
+        vec.assemble()
+        return self._read(vec)
+
+    @property
+    def _corners(self) -> npt.NDArray[np.int64]:
+        """Unknowns that represent the patches of the facets' vertices, shape (facets, vertices)."""
+        slave = self.slave
+        sides = slave.cpp_object.vertex_side[:, :, None].astype(np.int64)
+        of_facets = slave.cpp_object.facet_dofs[:, : slave.num_facet_vertices]
+        return np.asarray(np.take_along_axis(of_facets, sides, axis=2)[:, :, 0])
 
     def extension(
         self,
@@ -524,15 +559,15 @@ class PointRows(Rows):
             held: Patches whose multipliers are no unknowns, shape (nodes, block).
             clamped: The patches among these whose multiplier is the mean of its neighbours.
             known: Another extension, to which this one is added.
-            everywhere: Whether patches without points count.
+            everywhere: Whether patches count that are not covered at present.
         """
         if not self.slave.comm.allreduce(bool(held.any()), op=MPI.LOR):
             return known
         if known is not None:
             held, clamped = held | known.held, clamped | known.clamped
-        there = self.has_points | everywhere
+        there = self.covered | everywhere
         places, every = (
-            [self.slave.node_dofs, patches_of_facets(self.slave)[:, :, None]],
+            [self.slave.node_dofs, self._corners[:, :, None]],
             slice(0, self.slave.block),
         )
         return Extension(self.slave, [every], places, held & there, clamped & there, ~there)

@@ -20,6 +20,8 @@ from qsdolfinx.gap.following import (
     Places,
     SlipAtPoints,
     Vecs,
+    sides_of,
+    sums_of_sides,
 )
 from qsdolfinx.gap.vertex_normals import new_matrix
 from qsdolfinx.pairing.ahead import PRESSED_FLAT
@@ -33,7 +35,6 @@ from qsdolfinx.pairing.facets import (
 )
 from qsdolfinx.pairing.pair import facet_rule
 from qsdolfinx.pairing.vertices import lead_away
-from qsdolfinx.surface.patches import patches_of_nodes, sums_of_patches
 from qsdolfinx.surface.surface import Surface
 from qsdolfinx.surface.trace import TraceValues
 from qsdolfinx.surface.unknowns import CORNERS
@@ -243,15 +244,11 @@ class ShapePoints:
 
     def sides(self) -> Flags:
         """See :class:`Cutter`."""
-        return (
-            patches_of_nodes(self._slave)
-            if self._corners is None
-            else self._sides_of(self._corners)
-        )
+        return sides_of(self._slave) if self._corners is None else self._sides_of(self._corners)
 
     def _sides_of(self, chosen: Flags) -> Flags:
         """Smooth patches of owned nodes at the chosen vertices of facets. Collective."""
-        sums = sums_of_patches(self._slave, self._dofs.ravel(), chosen.astype(np.float64).ravel())
+        sums = sums_of_sides(self._slave, self._dofs.ravel(), chosen.astype(np.float64).ravel())
         return np.asarray(sums > 0.5)
 
     def _mean(self, normals: Array) -> Array:
@@ -278,7 +275,7 @@ class ShapePoints:
         if self._corners is None:
             opposite &= np.sum(outward * normal, axis=2) < 0
         weight = np.where(opposite, self._weights(places[0], vertices), 0.0)
-        cover = sums_of_patches(self._slave, self._dofs.ravel(), (weight @ self._N).ravel())
+        cover = sums_of_sides(self._slave, self._dofs.ravel(), (weight @ self._N).ravel())
         return Found(cover, Points(x, normal, distance, weight, *places[::-1]))
 
     def operator_at_points(self, found: Found, alone: Alone) -> _cpp.GapOperator:
@@ -318,7 +315,6 @@ class ShapePoints:
         self,
         found: Found,
         rest: Array,
-        missing: Array,
         markers: Vecs,
         turning: tuple[Array, int] | None,
     ) -> Mixed | None:
@@ -326,10 +322,9 @@ class ShapePoints:
         at = found.of_cutter
         if self._corners is not None and turning is None:
             return None
+        forces = at.weight * self._at_points(at, rest)
         some = np.flatnonzero(np.any(at.weight > 0, axis=1))
-        change = self._at_points(at, rest)[some, :, None] - missing[some, None]
-        forces = at.weight[some][:, :, None] * change * self._N
-        value = np.einsum("fpk,fpjc->fkjc", forces, self._growth(at, some))
+        value = np.einsum("fp,pk,fpjc->fkjc", forces[some], self._N, self._growth(at, some))
         if turning is not None:  # τ stays in the tangent plane of the tool: n·δτ = −τ·δn
             vectors, component = turning
             n, bent = at.normal[some][..., component], self._bent(at, some)

@@ -281,12 +281,6 @@ class WeightedGap:
         """Number of points with nothing opposite on this rank; they come last."""
         return 0 if self.cut is None else len(self.cut.alone.weight)
 
-    @property
-    def lacking(self) -> Flags:
-        """Patches with these points, unless points are vertices, (nodes, block)."""
-        assert self.cut is not None
-        return self.cut.lacking
-
     @functools.cached_property
     def cover_share(self) -> Array:
         """ḡ of a gap that is 1 everywhere, shape (rows,). Collective at the first call.

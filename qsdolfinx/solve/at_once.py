@@ -31,9 +31,9 @@ MOST_OTHERS = 5
 
 
 UNSETTLED = (
-    "sliding: with the corners that are in contact at the end of the solve, there is no "
-    "equilibrium nearby: the forces of corners depend on where the solve began; take smaller "
-    "steps, or finer facets"
+    "sliding: with the nodes that are covered by the other surface at the end of the solve, there "
+    "is no equilibrium nearby: forces at the ends of the contact zone depend on where the solve "
+    "began; of two bodies make the smaller surface the slave; take smaller steps, or finer facets"
 )
 
 

@@ -9,13 +9,12 @@ import numpy.typing as npt
 
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import collective_errors
-from qsdolfinx.base.rounding import SOLVED
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.contact import active_set
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Destination, Mixed
 from qsdolfinx.gap.laws import Unilateral
-from qsdolfinx.gap.neighbours import NeighbourMeans
 from qsdolfinx.gap.own_rows import OfVertices, OwnRows
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.gap.weighted_gap import WeightedGap
@@ -190,9 +189,8 @@ class PointConstraints(CondensedRows):
     penalty ε is the compliance λ_h/ε, y_p = λ_h + γ (g_p − λ_h/ε), so that a = 1 − γ/ε; a penalty
     that is about as soft as the bodies has γ = ε and no multipliers. A user's law has p_p =
     φ'(y_p/γ). A node has a multiplier for each of its smooth patches. Multipliers that are
-    redundant because of conditions on both sides, or in small sliding because points hardly cover
-    their support, are condensed: they have the mean of their neighbours, λ = E λ_free, and R_λ
-    belongs to λ_free. For those hardly covered with updated geometry see ``NeighbourMeans``. A
+    redundant because of conditions on both sides, or whose support is hardly covered by points, are
+    condensed: they have the mean of their neighbours, λ = E λ_free, and R_λ belongs to λ_free. A
     vertex of a tool has one multiplier: N is then the identity.
 
     Arguments as for :class:`CondensedRows`; the constraints are at points.
@@ -209,25 +207,17 @@ class PointConstraints(CondensedRows):
         self.extension: Extension | None
         self.free: Flags
         self.extension, self.free = self._found()
-        #: M, see ``NeighbourMeans``; None where it is not used.
-        self.neighbours: NeighbourMeans | None = None
-        following = gap.following
-        if following is not None and gap.own is None and not following.points_are_own:
-            held = np.zeros_like(self.free) if self.extension is None else self.extension.held
-            if not np.array_equal(held, following.condensed):
-                following.condensed = held
-            if self._has:
-                self.neighbours = following.neighbours
+        if gap.following is not None and gap.own is None:
+            gap.following.least_cover = self._points.least_cover(self.extension)
 
     def _found(self) -> tuple[Extension | None, Flags]:
         """E, and the patches with free multipliers, at the last evaluation. Collective."""
         if self.gap.own is not None:
             return None, self._free_vertices(self.gap.own) & self._has
-        has_points, extension = self._points.has_points, self.gap.extension
-        if self.gap.following is None:
-            extension = self._points.extended(extension)
-        held = np.zeros_like(has_points) if extension is None else extension.held
-        return extension, has_points & ~held & self._has
+        covered = self._points.covered
+        extension = self._points.extended(self.gap.extension)
+        held = np.zeros_like(covered) if extension is None else extension.held
+        return extension, covered & ~held & self._has
 
     def _free_vertices(self, own: OwnRows) -> Flags:
         """Vertices of a tool that do not face nodes held on both sides, (vertices, 1). Collective.
@@ -253,10 +243,20 @@ class PointConstraints(CondensedRows):
         return out
 
     def has_others(self) -> bool:
-        """Whether other vertices of a tool have multipliers at the last evaluation. Collective."""
-        if self.gap.own is None or not self._has:
+        """Whether other patches have multipliers after an update of the geometry. Collective.
+
+        Or whether patches in contact have lost so much of their cover that points without a partner
+        reduce their multipliers.
+        """
+        if self.gap.following is None or not self._has:
             return False
-        return not np.array_equal(self._found()[1], self.free)
+        if not np.array_equal(self._found()[1], self.free):
+            return True
+        if self.gap.own is not None:
+            return False
+        paired, area = self._points.paired, self._points.area_of_sides
+        lost = (paired > ROUNDING * area) & (paired < self.gap.following.least_cover)
+        return bool(np.any(lost if self.extension is None else lost & ~self.extension.filled))
 
     @property
     def _points(self) -> PointRows:
@@ -322,19 +322,12 @@ class PointConstraints(CondensedRows):
         return out if self.extension is None else self.extension.fill(out)
 
     def at_points(self, multiplier: Array) -> Array:
-        """Multiplier λ_h at the points, (points, 1). Collective.
-
-        Points without a partner have the difference between a multiplier and its neighbours' mean.
-        """
+        """Multiplier λ_h at the points, (points, 1). Collective."""
         if not self._has:
             return np.zeros((self.gap.num_rows, 1))
         if self.gap.own is not None:
             return self.gap.own.at_rows(self._spread(multiplier))
-        sides = self.on_sides(multiplier)
-        out = self._points.from_sides(sides)
-        if self.neighbours is not None:
-            out[len(out) - self.gap.num_alone :] -= self.neighbours.of(sides)[self.gap.lacking]
-        return out[:, None]
+        return self._points.from_sides(self.on_sides(multiplier))[:, None]
 
     def gathered(self, values: Array) -> Array:
         """Eᵀ Nᵀ W applied to values at points, in the shape of λ_free. Collective."""

@@ -412,7 +412,7 @@ class Derivative:
         self, p: Pass, rows: CondensedRows, at: Normal | None, tangential: Tangential | None
     ) -> list[tuple[int, Entries]]:
         """Changes of R_λ and R_τ with the facets, for each component. Collective."""
-        if at is None or not isinstance(rows, PointConstraints):
+        if at is None or not isinstance(rows, PointConstraints) or p.gap.has_segments:
             return []
         found, friction = rows.mixed(at), p.rows.condensed_friction
         out = [] if found is None else [(0, self._of_mixed(p, found))]

@@ -381,7 +381,10 @@ class Equations:
         self._at = None
 
     def has_other_multipliers(self) -> bool:
-        """Whether the vertices with multipliers differ at the last evaluation. Collective."""
+        """Whether the nodes with multipliers differ at the last evaluation. Collective.
+
+        Nodes have multipliers if the other surface covers their support.
+        """
         points = [p.rows.condensed for p in self.passes]
         found = [rows.has_others() for rows in points if isinstance(rows, PointConstraints)]
         return bool(self.system.comm.allreduce(any(found), op=MPI.LOR))

@@ -14,7 +14,6 @@ from qsdolfinx.friction.laws import Limited, Rows
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Changes, Kept, Mixed
-from qsdolfinx.gap.neighbours import NeighbourMeans
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
 from qsdolfinx.system.friction_rows import Tangential
@@ -68,11 +67,6 @@ class PointFriction:
         self._gdim = slip.gap.slave.gdim
         #: Matrix E of each component; None where τ_free is all of τ.
         self.extensions: list[Extension | None] = self._extended() if self.has_unknowns else []
-        #: M, see ``NeighbourMeans``; None where hardly covered components are condensed.
-        self.neighbours: NeighbourMeans | None = None
-        following = slip.gap.following
-        if following is not None and self.has_unknowns and slip.gap.own is None:
-            self.neighbours = None if following.points_are_own else following.neighbours
         #: Components that are unknowns, for the smooth patches of owned nodes, (nodes, block,
         #: gdim), or for vertices of a tool, (vertices, 1, gdim).
         self.free: Flags = self._found()
@@ -85,23 +79,19 @@ class PointFriction:
 
     def _extended(self) -> list[Extension | None]:
         """Condensation of constrained and hardly covered components. Collective."""
-        held, points, gap = self.slip.held, self._points, self.slip.gap
-        if gap.own is not None:
+        held, points = self.slip.held, self._points
+        if self.slip.gap.own is not None:
             return [None] * self._gdim
-
-        def extended(extension: Extension | None) -> Extension | None:
-            return extension if gap.following is not None else points.extended(extension)
-
         if not self.model.comm.allreduce(held is not None, op=MPI.LOR):
-            return [extended(None)] * self._gdim
-        none = np.zeros((len(points.cover), self._gdim), dtype=bool)
+            return [points.extended(None)] * self._gdim
+        none = np.zeros((len(points.covered), self._gdim), dtype=bool)
         components, clamped = (none, none) if held is None else held
 
         def of_sides(flags: Flags) -> Flags:
-            return np.asarray(flags[:, None] & points.has_points)
+            return np.asarray(flags[:, None] & points.covered)
 
         return [
-            extended(points.extension(of_sides(components[:, k]), of_sides(clamped[:, k])))
+            points.extended(points.extension(of_sides(components[:, k]), of_sides(clamped[:, k])))
             for k in range(self._gdim)
         ]
 
@@ -115,11 +105,11 @@ class PointFriction:
                 of_points = [self._points.from_nodes(flags[:, k]) for k in range(self._gdim)]
                 free[:, 0] &= own.from_rows(np.column_stack(of_points)) < 1 - SOLVED
             return free
-        has_points = self._points.has_points
-        shape = *has_points.shape, self._gdim
+        covered = self._points.covered
+        shape = *covered.shape, self._gdim
         if not self.has_unknowns:
             return np.zeros(shape, dtype=bool)
-        out: Flags = np.broadcast_to(has_points[:, :, None], shape).copy()
+        out: Flags = np.broadcast_to(covered[:, :, None], shape).copy()
         for k, extension in enumerate(self.extensions):
             if extension is not None:
                 out[:, :, k] &= ~extension.held
@@ -159,21 +149,12 @@ class PointFriction:
         return out.reshape(len(out), out.shape[1] * self._gdim)
 
     def seen(self, multiplier: Array) -> Array:
-        """Multiplier τ_h at the points, (points, gdim). Collective.
-
-        Points without a partner have the difference between a multiplier and its neighbours' mean.
-        """
+        """Multiplier τ_h at the points, (points, gdim). Collective."""
         if not self.has_unknowns:
             return np.zeros((self.slip.gap.num_rows, self._gdim))
         if self.slip.gap.own is not None:
             return self.slip.gap.own.at_rows(self._spread(multiplier)[:, 0])
-        sides = self.on_sides(multiplier)
-        out = self._points.vectors_from_sides(sides)
-        if self.neighbours is not None:
-            first, lacking = len(out) - self.slip.gap.num_alone, self.slip.gap.lacking
-            for k in range(self._gdim):
-                out[first:, k] -= self.neighbours.of(sides[:, k :: self._gdim])[lacking]
-        return out
+        return self._points.vectors_from_sides(self.on_sides(multiplier))
 
     def gathered(self, values: Array) -> Array:
         """Eᵀ Nᵀ W applied to values at points, in the shape of τ_free. Collective."""

@@ -111,9 +111,8 @@ class GapMatrices:
         self._of_slips = 1.0 if friction is None else 1 - friction.elastic
         #: Whether there are multipliers at points.
         self._has = has_normal or (friction is not None and bool(friction.extensions))
-        #: Derivatives of R_λ and R_τ at constant r_p, and by neighbours' means.
+        #: Derivatives of R_λ and R_τ at constant r_p.
         self.mixed: list[Entries] = [self._of_mixed(of, k, numbers) for k, of in mixed]
-        self.mixed += self._of_neighbours()
         if gaps is None:
             return
         of_nodes = [(c, self._of_nodes(*found)) for c, found in self._functions_of_components()]
@@ -197,30 +196,6 @@ class GapMatrices:
         out = global_entries(product)
         for mat in (extended, of_sides, product):
             mat.destroy()
-        return out
-
-    def _of_neighbours(self) -> list[Entries]:
-        """Derivatives of the terms s_k (M λ)_k/γ of R_λ and R_τ. Collective."""
-        gap, out = self._rows.gap, []
-        for component, (free, numbers, extension) in self._functions_of_components():
-            rows = self._friction if component else self._rows
-            assert isinstance(rows, PointConstraints | PointFriction)
-            if rows.neighbours is None:
-                continue
-            factor = np.zeros(free.shape)
-            factor[gap.lacking] = gap.weight[len(gap.weight) - gap.num_alone :] / rows.gamma
-            extended = self._extended(free, numbers, extension)
-            product = rows.neighbours.matrix.matMult(extended)
-            row, column, value = global_entries(product)
-            first = _layout(gap.slave)[1]
-            of_row = np.full((2, extended.getLocalSize()[0]), -1.0)
-            of_row[:, gap.slave.node_dofs[free] - first] = numbers, factor[free]
-            number, by = of_row[:, row - first]
-            keep = by > 0
-            values = by * (1.0 if component else self._part) * value
-            out.append(Entries(number[keep].astype(np.int64), column[keep], values[keep]))
-            for mat in (extended, product):
-                mat.destroy()
         return out
 
     @staticmethod

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from following import Body, Boxes, problem_of
+from following import Body, Boxes, create, problem_of
 from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
 
 from dolfinx import fem
@@ -73,55 +73,11 @@ def test_block_that_covers_little_of_some_nodes(over):
     assert largest(contact.penetration()) < 1e-9
 
 
-@pytest.mark.parametrize("swap", (False, True))
-def test_end_that_slides_along_facets(swap):
-    """Pressures at the end of a plate do not oscillate as a block slides off it.
-
-    With the constraints of hardly covered nodes alone they reached twenty times the mean pressure.
-    """
-    plate = Body(box(WORLD, (18, 3), "quadrilateral", [0.0, -0.3], [2.0, 0.0]), stiffness=1e4)
-    block = Body(box(WORLD, (10, 5), "quadrilateral", [1.1, 0.0], [2.1, 0.5]))
-    plate.clamp(plane(plate.mesh, 1, -0.3))
-    motion = block.clamp(plane(block.mesh, 1, 0.5))
-    surfaces = block.side(1, 0.0), plate.side(1, 0.0)
-    contact = qs.Contact(*(surfaces[::-1] if swap else surfaces), sliding="finite")
-
-    def drive(t, dt):
-        motion.value[:] = 0.01 * max(t - 1, 0.0), -0.02 * min(t, 1.0)
-
-    stepper = qs.TimeStepper(problem_of([plate, block], [contact]), 1.0, drive)
-    for t in stepper.run(22.0):  # by two facets
-        assert stepper.num_iterations <= 8
-        mean = -contact.force("slave")[1] / (0.9 - 0.01 * max(t - 1, 0.0))
-        multipliers = contact.model.gaps[0].state.augmented
-        assert largest(multipliers) < 8 * abs(mean)
-    assert stepper.num_cutbacks == 0
-
-
-def test_facets_without_area():
-    """Multipliers are determined where a facet has no area at a trial position."""
-    plate = Body(box(WORLD, (8, 2), "quadrilateral", [0.0, -0.5], [4.0, 0.0]))
-    block = Body(box(WORLD, (3, 2), "quadrilateral", [1.2, 0.0], [2.2, 1.0]))
-    for body, up in ((plate, -0.5), (block, 1.0)):
-        body.clamp(plane(body.mesh, 1, up))
-    contact = qs.Contact(plate.side(1, 0.0), block.side(1, 0.0), sliding="finite")
-    problem = problem_of([plate, block], [contact])
-    problem.set_up()
-    equations = qs.Equations(problem.system)
-    z = equations.first()
-    at = plate.V.tabulate_dof_coordinates()[: plate.num_owned // 2]
-    last = (at[:, 0] > 3.9) & (at[:, 1] > -0.1)
-    equations.part(z, 0).reshape(-1, 2)[last, 0] = -0.5  # onto the next node
-    equations.evaluate(z)
-    areas = equations.passes[0].rows.condensed.areas
-    assert WORLD.allreduce(len(areas)) == 9 and np.all(areas > 0)
-
-
 @pytest.mark.parametrize("width", (0.02, 0.1))
 def test_patch_on_a_narrow_pad(width):
     """A block on two stiff plates has one pressure, also where a plate is a part of its facet.
 
-    Multipliers far away must not pull on those of the few nodes that the narrow plate covers.
+    Multipliers of nodes that are not covered do not pull on those of the narrow plate.
     """
     up = Body(box(WORLD, (4, 3), "quadrilateral", [0.0, 0.0], [1.0, 1.0]))
     plates = [
@@ -138,3 +94,28 @@ def test_patch_on_a_narrow_pad(width):
     problem_of([up, *plates], contacts).solve()
     narrow, wide = (c.force("slave")[1] for c in contacts)
     assert narrow / width == pytest.approx(wide / (1 - width), rel=1e-5)
+
+
+@pytest.mark.parametrize("height", (0.021, 0.1))
+def test_open_place_beside_a_narrow_tooth(height):
+    """The force on a tooth narrower than a facet depends little on another tooth that is open.
+
+    Both cover parts of neighbouring facets of the slave.
+    """
+    forces = []
+    for second in (0.5, height):  # beyond the search distance, or near
+        teeth = Body(quadrilaterals((1.35, 1.65, 0.0), (2.4, 2.6, second)))
+        floor = Body(box(WORLD, (6, 3), "quadrilateral", [0.0, -1.5], [6.0, 0.0]))
+        floor.clamp(plane(floor.mesh, 1, -1.5))
+        teeth.clamp(plane(teeth.mesh, 1, 1.0), [0.0, -0.02])
+        low = teeth.boundary(lambda x, y=second: np.isclose(x[1], 0.0) | np.isclose(x[1], y))
+        contact = qs.Contact(floor.side(1, 0.0), teeth.surface(low), sliding="finite")
+        problem_of([floor, teeth], [contact]).solve()
+        forces.append(contact.force("slave")[1])
+    assert forces[1] == pytest.approx(forces[0], rel=0.02)
+
+
+def quadrilaterals(*teeth):
+    """Mesh of one cell for each tooth, given by its sides and its lower end; they end at y = 1."""
+    x = np.array([[u, v] for a, b, low in teeth for v in (low, 1.0) for u in (a, b)])
+    return create("quadrilateral", x, np.arange(len(x)).reshape(-1, 4))

@@ -8,7 +8,7 @@ from scenes import WORLD, Pair, box, drag_top, largest, plane, vector_space
 from system.test_equations import away, equations_of, errors
 
 import qsdolfinx as qs
-from qsdolfinx.gap.neighbours import ENOUGH
+from qsdolfinx.pairing.pair import LEAST_COVER
 from qsdolfinx.system.equations import Equations
 
 #: Cells and their spaces.
@@ -143,7 +143,7 @@ def test_without_cover(cell):
 @pytest.mark.parametrize("formulation", ("master-slave", "quasi-symmetric"))
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_nodes_that_lose_cover(cell, formulation, friction):
-    """Nodes get the area that they miss to half of theirs; the derivative contains its change."""
+    """What a node that was covered loses is added to it, and the derivative contains this part."""
     up = (2 if cell == "triangle" else 3) - 1
     low = Body(box(WORLD, [3] * (up + 1), cell, [-0.35] * up + [0.0], [1.35] * up + [1.0]))
     high = Body(box(WORLD, [3] * up + [1], cell, [-1.0] * up + [1.0], [2.0] * up + [2.0]))
@@ -154,8 +154,8 @@ def test_nodes_that_lose_cover(cell, formulation, friction):
     equations.part(z, 0).reshape(-1, up + 1)[:, 0] -= 0.1
     equations.evaluate(z)
     gap = equations.passes[0].gap
-    covered = gap.cut.found.cover[:, 0] / gap.cut.node_area
-    assert WORLD.allreduce(int(np.count_nonzero((covered > 0.01) & (covered < ENOUGH)))) > 0
+    covered = gap.cut.found.cover[:, 0] / gap.slave.node_area
+    assert WORLD.allreduce(int(np.count_nonzero((covered > 0.01) & (covered < LEAST_COVER)))) > 0
     assert errors(equations, z, scale) < 1e-8
 
 
