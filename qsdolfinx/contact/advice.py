@@ -328,8 +328,11 @@ def bent(settings: Settings) -> str:
     flat = [side for side, is_flat in zip(sides, flat_sides(settings), strict=True) if is_flat]
     bodies, cures = [body for side in flat for body in side.bodies], []
     if any(body.heights is None for body in bodies):
-        cure = "meshes of degree 2, msh = qs.elevate(msh, facet_tags, tag)"
-        cure += ", and displacements of degree 2" * settings.sampling.follows
+        cure = (
+            "meshes of degree 2, msh = qs.elevate(msh, facet_tags, tag) before the function space"
+        )
+        linear = any(body.degree < 2 for body in bodies)
+        cure += ", and displacements of degree 2" * (settings.sampling.follows and linear)
         cures = [cure + ' with quadrature="overlay"' * (settings.sampling.quadrature != "overlay")]
     elif bodies:
         cures = [

@@ -172,9 +172,9 @@ class ContactResults:
 
         The true depth, measured as :meth:`gap`: at the nodes of both sides, and on the overlay also
         at points of its segments; 0 if nothing penetrates. Points beside the other surface do not
-        count: a surface must contain every side of its body that the other body can hang over. With
-        smoothing, the depths at the points are those of the curved surfaces. For tied contact it is
-        the largest relative displacement.
+        count: a surface must contain every side of its body that the other body can hang over. On
+        meshes of degree 2, the depths at the points are those of the curved surfaces. For tied
+        contact it is the largest relative displacement.
 
         Raises:
             ValueError: If a deformed facet has no area.

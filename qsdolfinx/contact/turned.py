@@ -42,7 +42,7 @@ def find_turned_normals(model: ContactModel) -> str | None:
     return (
         "sliding: surfaces in contact have turned since contact detection, but small sliding keeps "
         f"the normals found then: {share:.0%} of the contact force does not act along the present "
-        'normals; take sliding="finite", or steps of a qs.TimeStepper'
+        'normals; take sliding="finite", or smaller steps of a qs.TimeStepper'
     )
 
 

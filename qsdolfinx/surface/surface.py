@@ -279,7 +279,10 @@ class Surface:
 
     @property
     def node_x(self) -> npt.NDArray[np.float64]:
-        """Positions of the contact nodes this rank owns, shape (nodes, 3)."""
+        """Positions in the mesh of the contact nodes this rank owns, shape (nodes, 3).
+
+        They are those of the last time that the mesh was read, without displacements.
+        """
         return np.asarray(self.cpp_object.node_x)
 
     @property

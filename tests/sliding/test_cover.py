@@ -33,6 +33,21 @@ def test_whole_faces_cover_whole_nodes(cell, formulation):
     assert largest(cut.found.cover.sum(axis=1) - cut.node_area) < 1e-12
 
 
+def test_areas_of_rings():
+    """On axisymmetric surfaces, areas of patches are those of rings, as the cover is."""
+    bodies = [
+        Body(box(WORLD, (4, 2), "quadrilateral", [1.0, z], [3.0, z + 1.0]), axisymmetric=True)
+        for z in (0.0, 1.0)
+    ]
+    for body, z in zip(bodies, (0.0, 2.0), strict=True):
+        body.clamp(plane(body.mesh, 1, z))
+    contact = qs.Contact(*(body.side(1, 1.0) for body in bodies), sliding="finite")
+    problem_of(bodies, [contact]).solve()
+    rows = contact.model.gaps[0].rows
+    whole = WORLD.allreduce(rows.area_of_sides.sum()), WORLD.allreduce(rows.paired.sum())
+    assert whole == pytest.approx((8 * np.pi, 8 * np.pi), rel=1e-12)
+
+
 def test_nodes_that_are_left():
     """A block leaves nodes of a longer plate, the slave, at its very edge."""
     n, sizes = ((24, 4), (5, 5)), ((4.0, 1.0), (1.0, 1.0))
