@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 
 from mpi4py import MPI
 
@@ -187,6 +188,11 @@ class ContactReport:
 
 
 def _table(lines: list[tuple[str, str]]) -> str:
+    lines = [
+        ("" if i else name, part)
+        for name, text in lines
+        for i, part in enumerate(textwrap.wrap(text, 110) or [""])
+    ]
     return "\n".join(f"{name:13}{text}" for name, text in lines)
 
 
