@@ -667,6 +667,21 @@ CHANGED = [
         ("solve/test_unsupported.py::test_rotation_on_a_cylinder",),
     ),
     Changed(
+        "solve/watchdog.py:PATIENCE",
+        (20,),
+        ("solve/test_watchdog.py::test_sharp_punch_that_is_dragged",),
+    ),
+    Changed(
+        "solve/watchdog.py:SHORT",
+        (0.02,),
+        ("solve/test_watchdog.py::test_sharp_punch_that_is_dragged",),
+    ),
+    Changed(
+        "solve/watchdog.py:TRIAL",
+        (1,),
+        ("solve/test_watchdog.py::test_sharp_punch_that_is_dragged",),
+    ),
+    Changed(
         "steps/hand_over.py:JUMP",
         (1e-09,),
         ("remeshing/test_steps.py::test_a_jump_of_forces_is_told",),

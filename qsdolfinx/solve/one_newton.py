@@ -19,6 +19,7 @@ from qsdolfinx.solve.no_progress import Progress
 from qsdolfinx.solve.onset import Onset, vectors_of
 from qsdolfinx.solve.snes import NO_PROGRESS, NOT_CLOSED
 from qsdolfinx.solve.snes_on_z import SnesOnZ
+from qsdolfinx.solve.watchdog import Watchdog
 from qsdolfinx.system.equations import Equations
 from qsdolfinx.system.passes import State
 
@@ -47,11 +48,11 @@ class OneNewton:
 
     The merit is m² = |R_u|² + Σ W² (λ − [λ + c ḡ*]₊)² + the same term for τ + |R_s|². It is
     continuous where sets change. A step is halved while the residual is not finite, a gap cannot be
-    evaluated, or the merit has not decreased. If little of the step would remain, or frictional
-    contact would slide far, the step ends where the work of the forces vanishes, see
-    :meth:`_until_rest`. In the first iteration, constraints with λ > 0 stay active, and active
-    constraints without any τ stick. If the user's options set a type of SNES or a line search, it
-    is used after the first step.
+    evaluated, or the merit has not decreased; after several short steps see :class:`Watchdog`. If
+    little of the step would remain, or frictional contact would slide far, the step ends where the
+    work of the forces vanishes, see :meth:`_until_rest`. In the first iteration, constraints with
+    λ > 0 stay active, and active constraints without any τ stick. If the user's options set a type
+    of SNES or a line search, it is used after the first step.
 
     Args:
         equations: The equations.
@@ -90,7 +91,7 @@ class OneNewton:
         """
         self._balance.begin()
         self._mixing = Mixing(self.equations.system.comm)
-        progress = Progress(self.equations.system)
+        progress, watchdog = Progress(self.equations.system), Watchdog()
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -112,6 +113,9 @@ class OneNewton:
                 raise NoConvergence(fault, self._reason(NO_PROGRESS))
             if iteration == self.max_it:
                 break
+            back = watchdog.back(self._merit(at))
+            if back is not None:
+                z, at, change = back, self.equations.evaluate(back), None
             is_first = iteration == 0
             if begins and iteration == 1:
                 sticking = self._sticking(at)
@@ -122,7 +126,14 @@ class OneNewton:
                 softly = False
                 z, at, change = self._begun_softly(z, at, change, begun)
             mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
-            z, at, step = mixed or self._search(z, at, change, is_first)
+            full = None
+            if mixed is None and watchdog.wants_full_step:
+                full = self._full_step(z, at, change)
+            before = z, self._merit(at)
+            z, at, step = mixed or full or self._search(z, at, change, is_first)
+            if full is not None:
+                watchdog.hold(*before)
+            watchdog.note(step)
             change = None
         raise NoConvergence(progress.late(), self._reason(LATE))
 
@@ -347,6 +358,17 @@ class OneNewton:
         return self._step.solve(-self.equations.residual_of(at), self._balance.until, exact)
 
     # --- The line search
+
+    def _full_step(self, z: Array, at: State, change: Array) -> tuple[Array, State, float] | None:
+        """The full step, whatever its merit; None if it cannot be evaluated. Collective."""
+        try:
+            there = self.equations.evaluate(z + change)
+            if np.isfinite(self._merit(there)) and not self._loses_a_tool(at, there):
+                return z + change, there, 1.0
+        except NoValueError:  # on all ranks
+            pass
+        self.equations.evaluate(z)
+        return None
 
     def _search(
         self, z: Array, at: State, change: Array, is_first: bool = True
