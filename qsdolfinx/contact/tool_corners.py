@@ -1,4 +1,4 @@
-"""Checks for corners of a rigid tool in 2D whose contact is narrower than the body's facets."""
+"""Checks for corners of the master in 2D whose contact is narrower than the slave's facets."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ DEEP, UNMOVED = 0.04, 0.95
 #: Facets beside the corners of a wider face carry less, and its force is right to 3 %.
 NARROW = 0.8
 
-#: Least angle (radians) between the two facets of a tool at a corner: with less, segments of round
-#: tools would be corners; with more, blunt ones of 20° are not seen.
+#: Least angle (radians) between the two facets at a corner: with less, segments of round tools
+#: would be corners; with more, blunt ones of 20° are not seen.
 CORNER = float(np.radians(15))
 
 #: Size of facets to name over the present one: forces that were up to 60 % too small are right to
@@ -94,13 +94,13 @@ def _positions(gap: WeightedGap) -> Array:
     return np.asarray(gap.points.slave["x"])
 
 
-def find_deep_tool_corners(model: ContactModel) -> str | None:
-    """Warning about corners of a tool that are deep where the facet gives way less, or None.
+def find_deep_corners_of_master(model: ContactModel) -> str | None:
+    """Warning about corners of the master that are deep where the facet gives way less, or None.
 
-    With finite sliding, blunt corners, and corners beside a face that lies on the body, have no
-    constraints of their own. The gaps of the facet they face are closed in the mean. If contact is
-    narrower than the facet, open gaps beside the corner compensate its depth, and its force is too
-    small. Collective.
+    With finite sliding, corners of a body, blunt corners of a tool, and its corners beside a face
+    that lies on the body, have no constraints of their own. The gaps of the facet they face are
+    closed in the mean. If contact is narrower than the facet, open gaps beside the corner
+    compensate its depth, and its force is too small. Collective.
 
     Args:
         model: The contact, solved.
@@ -108,7 +108,7 @@ def find_deep_tool_corners(model: ContactModel) -> str | None:
     slave, master, now = model.slave, model.master, model.placement
     if master.is_analytic or not model.follows or slave.gdim != 2 or slave.axisymmetric:
         return None
-    if not master.tools or model.compliance <= 0:
+    if model.with_itself or model.compliance <= 0:
         return None
     which = corner_nodes(master.as_facets(), CORNER)
     if not model.comm.allreduce(bool(which.any()), op=MPI.LOR):
@@ -130,9 +130,10 @@ def find_deep_tool_corners(model: ContactModel) -> str | None:
         allowed = max(DEEP * size + model.overclosure.allowed, UNMOVED * given_way)
         if force > NARROW * wider and depth > allowed:
             where = ", ".join(f"{c:.4g}" for c in x[: slave.gdim])
+            whose = "tool" if master.tools else "master"
             return (
-                f"constraints: a corner of the tool near ({where}) is {depth:.3g} deep in a facet "
-                f"of size {size:.3g}, and its force moves this facet by {given_way:.2g} only: "
+                f"constraints: a corner of the {whose} near ({where}) is {depth:.3g} deep in a "
+                f"facet of size {size:.3g}, and its force moves it by {given_way:.2g} only: "
                 "contact there is narrower than the facet, and the force is too small; refine the "
                 f"surface there to facets of at most {FINER * size:.2g}"
             )

@@ -13,7 +13,7 @@ from qsdolfinx.contact.findings import Check, look
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.contact.reach import ReachWarning, find_passed_through
 from qsdolfinx.contact.slid import find_slid
-from qsdolfinx.contact.tool_corners import find_deep_tool_corners, find_loaded_corners
+from qsdolfinx.contact.tool_corners import find_deep_corners_of_master, find_loaded_corners
 from qsdolfinx.contact.turned import find_turned_normals, find_turned_tie
 from qsdolfinx.solve.chord_pressure import find_chord_pressure
 from qsdolfinx.solve.newton import Newton
@@ -34,7 +34,7 @@ OF_A_SOLVE = (
     Check("edges that cross", find_crossing_edges, ContactType.NORMAL),
     Check("deep edges", find_deep_edges, ContactType.NORMAL),
     Check("loaded corners of a tool", find_loaded_corners, ContactType.NORMAL),
-    Check("deep corners of a tool", find_deep_tool_corners, ContactType.NORMAL),
+    Check("deep corners of the master", find_deep_corners_of_master, ContactType.NORMAL),
 )
 
 #: Checks after a time step. The time stepper itself checks for points that have passed through, and

@@ -1,10 +1,11 @@
-"""Corners of rigid tools in 2D on facets that are coarse for them: what they cost, and warnings."""
+"""Sharp corners in 2D on facets that are coarse for them: what they cost, and warnings."""
 
 import re
 import warnings
 
 import numpy as np
 import pytest
+from following import Body, problem_of
 from scenes import WORLD, box, plane
 
 import ufl
@@ -173,3 +174,44 @@ def test_wide_contact(corners, n, depth):
         assert texts == []
         forces.append(force[-1, 1])
     assert abs(forces[1] / forces[0] - 1) < 0.06
+
+
+def press_a_body(n, middle, modulus):
+    """Press a body with a flat end, 0.8 facets of the coarse mesh wide, on one of modulus 1000.
+
+    Args:
+        n: Facets of the slave.
+        middle: Place of the end's middle, in facets from a node.
+        modulus: Young's modulus of the body with the corners, the master.
+
+    Returns:
+        Force on the slave, and the warnings about corners.
+    """
+    block = Body(box(WORLD, (n, n // 2), "quadrilateral", [-1.0, -1.0], [1.0, 0.0]), 1, 1e3)
+    block.clamp(block.boundary(lambda x: np.isclose(x[1], -1.0)))
+    msh = box(WORLD, (4, 4), "quadrilateral", [-0.1, 0.0], [0.1, 0.6])
+    x = msh.geometry.x
+    x[:, 0] = x[:, 0] * (1 + 10 * x[:, 1]) + middle * 2 / n  # sides at 45 degrees
+    punch = Body(msh, 1, modulus)
+    value = punch.clamp(punch.boundary(lambda x: np.isclose(x[1], 0.6)))
+    below = punch.surface(punch.boundary(lambda x: x[1] < 0.59))
+    contact = qs.Contact(block.side(1, 0.0), below, sliding="finite")
+    problem = problem_of([block, punch], [contact])
+    value.value[1] = -0.025
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        problem.solve()
+    texts = [str(one.message) for one in caught]
+    return contact.force("slave")[1], [text for text in texts if "corner" in text]
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("modulus", (1e4, 1e6))
+def test_deep_corner_of_a_body(modulus):
+    """The same warning for a stiff body; with the facets of the warning the force is right."""
+    coarse, (text,) = press_a_body(8, 0.5, modulus)
+    assert "a corner of the master near" in text
+    assert 1 / 17 < float(re.search(r"facets of at most ([\d.]+)", text).group(1)) < 1 / 15
+    fine, texts = press_a_body(32, 2.0, modulus)
+    assert texts == [] and coarse / fine < 0.7
+    assert abs(fine / press_a_body(64, 4.0, modulus)[0] - 1) < 0.08
