@@ -718,7 +718,7 @@ def ray_slip(
     numpy.typing.NDArray[numpy.float64],
     numpy.typing.NDArray[numpy.float64],
 ]:
-    """Slip at points since the nodes were at the start positions, and the slave's normal, [point][3]; the gradient of the slip, and the variation that tractions work on, [point][node][slip][component]."""
+    """Slip at points since the nodes were at the start positions, and the slave's normal, [point][3]; the gradient of the slip, and the variation that tractions work on, [point][slip][node][component]."""
 
 def ray_slip_curvature(
     cut: RayFacet,

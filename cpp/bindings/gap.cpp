@@ -92,10 +92,7 @@ void qsdolfinx::bind_gap(nb::module_& m)
           "__init__",
           [](GapOperator* self, const Surface* master, const Pieces& pieces,
              const SlipOfPieces& slip, bool works, In<double> weight)
-          {
-            new (self)
-                GapOperator(master, pieces, works ? slip.works : slip.gradient, weight.view());
-          },
+          { new (self) GapOperator(master, pieces, slip, works, weight.view()); },
           "master"_a.none(), "points_of"_a, "slip"_a, nb::kw_only(), "works"_a, "weight"_a,
           "Derivative of slip at the points of pieces, or the variation that tractions work on.")
       .def_prop_ro("num_rows", &GapOperator::num_rows)

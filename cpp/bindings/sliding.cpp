@@ -1,7 +1,6 @@
 #include "bindings/arrays.h"
 #include "bindings/module.h"
-#include "sliding/forms.h"
-#include "sliding/ray.h"
+#include "sliding/changes.h"
 
 #include <nanobind/stl/tuple.h>
 
@@ -69,6 +68,27 @@ void check_size(const RayPoints& points, std::size_t size, std::size_t width)
   if (size != width * points.points.size())
     throw nb::value_error("one value for each point");
 }
+
+/// Derivative of the forces of constant stresses at points that do not move, [node][3][node][3].
+template <typename Stress>
+auto derivative_of(const RayPair& pair, const RayPoints& points, Stress stress_of)
+{
+  const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
+  const Rays rays(pair, points.points);
+  std::vector<double> out(size * size);
+  RayForces forces(rays, size, out);
+  RayChange change;
+  const std::array<WideRow, 4> constant{};
+  for (std::size_t p = 0; p < points.points.size(); ++p)
+  {
+    const RayStress stress = stress_of(p);
+    const double w = points.points[p].weight;
+    change_of_ray(rays, p, {}, change);
+    forces.add(p, change, {w * stress.pressure, w * stress.traction}, constant);
+  }
+  forces.finish();
+  return copy(std::move(out), {size, size});
+}
 } // namespace
 
 void qsdolfinx::bind_sliding(nb::module_& m)
@@ -129,15 +149,17 @@ void qsdolfinx::bind_sliding(nb::module_& m)
         const RayPair pair = make_pair(cut, other, cut_is_slave);
         const std::size_t n = points.points.size(), nodes = pair.num_nodes(),
                           nk = pair.slave().num_vertices();
-        std::vector<double> out(3 * n * nk * nodes), places(6 * n * nodes), slopes(4 * n);
-        slave_places(Rays(pair, points.points), places, slopes);
+        std::vector<double> out(3 * n * nk * nodes);
+        const Rays rays(pair, points.points);
+        RayChange change;
         for (std::size_t p = 0; p < n && !cut_is_slave; ++p)
         {
+          change_of_ray(rays, p, {}, change);
           const auto dN = trace_gradients(pair.slave().type, 1, points.points[p].zeta);
           for (std::size_t k = 0; k < nk; ++k)
             for (std::size_t i = 0; i < 3 * nodes; ++i)
-              out[(p * nk + k) * 3 * nodes + i] = dN[k][0] * places[2 * p * 3 * nodes + i]
-                                                  + dN[k][1] * places[(2 * p + 1) * 3 * nodes + i];
+              out[(p * nk + k) * 3 * nodes + i]
+                  = dN[k][0] * change.zeta[0][i] + dN[k][1] * change.zeta[1][i];
         }
         return copy(std::move(out), {n, nk, nodes, 3});
       },
@@ -148,12 +170,10 @@ void qsdolfinx::bind_sliding(nb::module_& m)
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
          In<double> pressure)
       {
-        const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
-        check_size(points, pressure.view().size(), 1);
-        std::vector<double> hessian(size * size);
-        add_curvature_of_points(Rays(pair, points.points), pressure.view(), hessian);
-        return copy(std::move(hessian), {size, size});
+        const auto p = pressure.view();
+        check_size(points, p.size(), 1);
+        return derivative_of(make_pair(cut, other, cut_is_slave), points,
+                             [&](std::size_t i) { return RayStress{p[i], {}}; });
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "pressure"_a,
       "Second derivatives of the sum of weights times pressures times gaps, for constant weights "
@@ -165,29 +185,36 @@ void qsdolfinx::bind_sliding(nb::module_& m)
       {
         const RayPair pair = make_pair(cut, other, cut_is_slave);
         const std::size_t n = points.points.size(), nodes = pair.num_nodes();
-        std::vector<double> slip(3 * n), normal(3 * n), gradient(9 * n * nodes),
-            works(9 * n * nodes), slope(6 * n), arc(n), gap(n);
-        slip_of_points(Rays(pair, points.points), {cut_start.view(), other_start.view()},
-                       {slip, normal, gradient, works, slope, arc, gap});
+        std::vector<double> slip(3 * n), normal(3 * n), slides(9 * n), chord(2 * n), works(9 * n),
+            slope(6 * n), arc(n), gap(n), of_slip(9 * n * nodes), of_works(9 * n * nodes);
+        const Rays rays(pair, points.points);
+        slip_of_points(rays, {cut_start.view(), other_start.view()},
+                       {slip, normal, slides, chord, works, slope, arc, gap});
+        for (std::size_t p = 0; p < n; ++p)
+        {
+          const std::size_t size = 9 * nodes;
+          slip_rows(rays, p, std::span(slides).subspan(9 * p, 9),
+                    std::span(chord).subspan(2 * p, 2), std::span(of_slip).subspan(p * size, size));
+          slip_rows(rays, p, std::span(works).subspan(9 * p, 9), {},
+                    std::span(of_works).subspan(p * size, size));
+        }
         return std::tuple(copy(std::move(slip), {n, 3}), copy(std::move(normal), {n, 3}),
-                          copy(std::move(gradient), {n, nodes, 3, 3}),
-                          copy(std::move(works), {n, nodes, 3, 3}));
+                          copy(std::move(of_slip), {n, 3, nodes, 3}),
+                          copy(std::move(of_works), {n, 3, nodes, 3}));
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "cut_start"_a, "other_start"_a,
       "Slip at points since the nodes were at the start positions, and the slave's normal, "
       "[point][3]; the gradient of the slip, and the variation that tractions work on, "
-      "[point][node][slip][component].");
+      "[point][slip][node][component].");
   m.def(
       "ray_slip_curvature",
       [](const Facet& cut, const Facet& other, bool cut_is_slave, const RayPoints& points,
          In<double> tractions)
       {
-        const RayPair pair = make_pair(cut, other, cut_is_slave);
-        const std::size_t size = 3 * static_cast<std::size_t>(pair.num_nodes());
-        check_size(points, tractions.view().size(), 3);
-        std::vector<double> hessian(size * size);
-        add_slip_curvature_of_points(Rays(pair, points.points), tractions.view(), hessian);
-        return copy(std::move(hessian), {size, size});
+        const auto tau = tractions.view();
+        check_size(points, tau.size(), 3);
+        return derivative_of(make_pair(cut, other, cut_is_slave), points, [&](std::size_t i)
+                             { return RayStress{0, facet_vertex(tau, static_cast<int>(i))}; });
       },
       "cut"_a, "other"_a, "cut_is_slave"_a, "points"_a, "tractions"_a,
       "Derivative of the sum of weights times the virtual work of constant tractions.");

@@ -158,12 +158,12 @@ GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
   multipliers_of_pieces(multipliers_, pieces, alone);
 }
 
-GapOperator::GapOperator(const Surface* master, const Pieces& pieces,
-                         const std::vector<double>& gradient, std::span<const double> weight)
+GapOperator::GapOperator(const Surface* master, const Pieces& pieces, const SlipOfPieces& slip,
+                         bool works, std::span<const double> weight)
     : GapOperator(master, pieces, GapKind::jump, weight)
 {
   turns_ = true;
-  rows_of_pieces(used_sides(), pieces, weight.size(), 9, parts_of(pieces, gradient));
+  rows_of_pieces(used_sides(), pieces, weight.size(), 9, slips_of(pieces, slip, works));
 }
 
 GapOperator::~GapOperator()

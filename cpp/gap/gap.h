@@ -29,6 +29,7 @@ enum class GapRows
 };
 
 struct Pieces;
+struct SlipOfPieces;
 struct Slots;
 
 /// Operator of the weighted gaps of the slave nodes that this rank owns, or of the gaps at the
@@ -68,7 +69,7 @@ public:
   GapOperator(const Surface* master, const Pieces& pieces, std::span<const std::int64_t> alone,
               std::span<const double> weight);
   /// Derivative of the slip for the same rows, or the variation on which tractions do work.
-  GapOperator(const Surface* master, const Pieces& pieces, const std::vector<double>& gradient,
+  GapOperator(const Surface* master, const Pieces& pieces, const SlipOfPieces& slip, bool works,
               std::span<const double> weight);
   ~GapOperator();
   GapOperator(const GapOperator&) = delete;

@@ -391,13 +391,25 @@ OfPiece qsdolfinx::jumps_of(const Pieces& pieces)
   };
 }
 
-OfPiece qsdolfinx::parts_of(const Pieces& pieces, std::span<const double> values)
+OfPiece qsdolfinx::slips_of(const Pieces& pieces, const SlipOfPieces& slip, bool works)
 {
-  return [&pieces, values](std::size_t i)
+  const auto nodes = static_cast<std::size_t>(pieces.slave.num_nodes + pieces.master.num_nodes);
+  return [&pieces, &slip, works, nodes, rows = std::vector<double>(9 * nodes),
+          values = std::vector<double>()](std::size_t i) mutable
   {
-    const std::size_t width = values.size() / std::max<std::size_t>(pieces.points.size(), 1),
-                      first = i > 0 ? pieces.end[i - 1] : 0;
-    return values.subspan(first * width, (pieces.end[i] - first) * width);
+    const Rays rays(pair_of(pieces, i), pieces.points_of(i));
+    const std::size_t first = i > 0 ? pieces.end[i - 1] : 0, count = pieces.end[i] - first;
+    values.resize(9 * count * nodes);
+    for (std::size_t p = 0; p < count; ++p)
+    {
+      const auto slides = std::span(works ? slip.works : slip.slides).subspan(9 * (first + p), 9);
+      const auto chord = std::span(slip.chord).subspan(2 * (first + p), works ? 0 : 2);
+      slip_rows(rays, p, slides, chord, rows);
+      for (std::size_t j = 0; j < nodes; ++j)
+        for (std::size_t r = 0; r < 3; ++r)
+          std::copy_n(&rows[3 * (r * nodes + j)], 3, &values[9 * (p * nodes + j) + 3 * r]);
+    }
+    return std::span<const double>(values);
   };
 }
 
@@ -420,11 +432,12 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
   const std::vector<double> of_slave = values_at(slave_start, pieces.slave.dofs);
   const std::vector<double> of_master
       = master_start ? values_at(master_start, pieces.master.dofs) : std::vector<double>{};
-  const std::size_t n = pieces.points.size(), size = 9 * (ns + nm);
+  const std::size_t n = pieces.points.size();
   slip.resize(3 * n);
   normal.resize(3 * n);
-  gradient.resize(n * size);
-  works.resize(n * size);
+  slides.resize(9 * n);
+  chord.resize(2 * n);
+  works.resize(9 * n);
   slope.resize(6 * n);
   arc.resize(n);
   gap.resize(n);
@@ -452,8 +465,9 @@ SlipOfPieces::SlipOfPieces(const Pieces& pieces, Vec slave_start, Vec master_sta
     slip_of_points(Rays(pair, points), start,
                    {std::span(slip).subspan(3 * done, 3 * count),
                     std::span(normal).subspan(3 * done, 3 * count),
-                    std::span(gradient).subspan(done * size, count * size),
-                    std::span(works).subspan(done * size, count * size),
+                    std::span(slides).subspan(9 * done, 9 * count),
+                    std::span(chord).subspan(2 * done, 2 * count),
+                    std::span(works).subspan(9 * done, 9 * count),
                     std::span(slope).subspan(6 * done, 6 * count),
                     std::span(arc).subspan(done, count), std::span(gap).subspan(done, count)});
     done += count;

@@ -30,9 +30,6 @@ OfPiece gap_gradients_of(const Pieces& pieces);
 /// Trace functions, negative for the master, width 1.
 OfPiece jumps_of(const Pieces& pieces);
 
-/// Parts of given values, [point][node][width].
-OfPiece parts_of(const Pieces& pieces, std::span<const double> values);
-
 /// Rows of both sides, or of the slave only: one for each point of pieces, then some empty rows.
 /// @param num_alone number of empty rows
 /// @param width 1: one value for all unknowns of a node, 3: one value for each unknown, 9: one for
@@ -46,11 +43,11 @@ void rows_of_pieces(std::span<GapOperator::Side> out, const Pieces& pieces, std:
 void multipliers_of_pieces(GapOperator::Side& out, const Pieces& pieces,
                            std::span<const std::int64_t> alone);
 
-/// Slip at the points of pieces, see RaySlip. Shapes are [point][3], [point][node][3][3] (the
-/// slave's nodes first), or [point]; `turn` is the rotation of turn_since(), [piece][3][3].
+/// Slip at the points of pieces, with the shapes of RaySlip; `turn` is the rotation of
+/// turn_since(), [piece][3][3].
 struct SlipOfPieces
 {
-  std::vector<double> slip, normal, gradient, works, slope, arc, gap, turn;
+  std::vector<double> slip, normal, slides, chord, works, slope, arc, gap, turn;
 
   /// Collective. @param slave, master positions of the bodies' nodes when slip began, as vectors of
   /// the bodies; master is null for a rigid tool
@@ -58,5 +55,8 @@ struct SlipOfPieces
   /// rows, [3][4]
   SlipOfPieces(const Pieces& pieces, Vec slave, Vec master, std::span<const double> of_tool);
 };
+
+/// Gradients of the slip, or the variation that tractions work on, width 9.
+OfPiece slips_of(const Pieces& pieces, const SlipOfPieces& slip, bool works);
 
 } // namespace qsdolfinx

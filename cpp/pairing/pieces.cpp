@@ -34,19 +34,3 @@ void qsdolfinx::solve_pieces(Pieces& pieces)
   for (std::size_t i = 0; i < pieces.size(); ++i)
     pieces.is_missed[i] = !solve_rays(pair_of(pieces, i), pieces.points_of(i));
 }
-
-PieceMotion qsdolfinx::motion_of(const Pieces& pieces, std::size_t piece)
-{
-  auto& [velocity, end, points] = pieces.motions;
-  if (end.empty())
-  {
-    points.reserve(pieces.points.size());
-    for (std::size_t i = 0; i < pieces.size(); ++i)
-    {
-      append_motions(pair_of(pieces, i), pieces.shape_of(i), pieces.points_of(i), velocity, points);
-      end.push_back(velocity.size());
-    }
-  }
-  return {Pieces::part_of(std::span<const double>(velocity), end, piece),
-          Pieces::part_of(std::span<const PointMotion>(points), pieces.end, piece)};
-}

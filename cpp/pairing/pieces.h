@@ -50,14 +50,6 @@ struct Pieces
                                        ///< corner_end[piece])
   std::vector<PieceCorner> corners;
   std::vector<PointPlace> places; ///< [point]
-  /// Cache of motion_of; empty before its first call.
-  struct Motions
-  {
-    std::vector<double> velocity;
-    std::vector<std::size_t> end; ///< of the velocities of a piece
-    std::vector<PointMotion> points;
-  };
-  mutable Motions motions;
 
   std::size_t size() const { return end.size(); }
   std::span<const RayPoint> points_of(std::size_t piece) const
@@ -88,10 +80,6 @@ struct Pieces
 
 /// The two facets of a piece.
 RayPair pair_of(const Pieces& pieces, std::size_t piece);
-
-/// Motion of the points of a piece with corners. Those of all pieces are computed in the first
-/// call.
-PieceMotion motion_of(const Pieces& pieces, std::size_t piece);
 
 /// Find where the rays of all points meet the other facets.
 void solve_pieces(Pieces& pieces);

@@ -32,6 +32,36 @@ inline void add(double* to, double s, const Vec3& a)
     to[i] += s * a[i];
 }
 
+/// to += Σ_k factor_k row_k
+template <std::size_t count>
+[[gnu::always_inline]] inline void add_rows(double* __restrict to, std::size_t n,
+                                            const std::array<double, count>& factors,
+                                            const std::array<const double*, count>& rows)
+{
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    double sum = to[i];
+    for (std::size_t k = 0; k < count; ++k)
+      sum += factors[k] * rows[k][i];
+    to[i] = sum;
+  }
+}
+
+/// to = Σ_k factor_k row_k
+template <std::size_t count>
+[[gnu::always_inline]] inline void set_rows(double* __restrict to, std::size_t n,
+                                            const std::array<double, count>& factors,
+                                            const std::array<const double*, count>& rows)
+{
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    double sum = factors[0] * rows[0][i];
+    for (std::size_t k = 1; k < count; ++k)
+      sum += factors[k] * rows[k][i];
+    to[i] = sum;
+  }
+}
+
 /// Positions of the columns of both facets.
 struct Columns
 {
@@ -81,6 +111,8 @@ public:
   int num_vertices() const { return num_vertices_; }
   double length() const { return length_; }
   const Vec3& n() const { return n_; }
+  /// Gradient of a component of n, [vertex][3].
+  const std::array<double, 12>& gradient(int component) const { return gradient_[component]; }
 
   /// Return k = (c − n (n·c)) / |s|, for which c·δn = k·δs.
   Vec3 across(const Vec3& c) const { return 1 / length_ * (c - dot(n_, c) * n_); }
@@ -96,13 +128,11 @@ public:
     }
   }
 
-  /// Add the gradient of c·n for a constant c. @tparam stride from a vertex to the next one
-  template <int stride = 3>
+  /// Add the gradient of c·n for a constant c.
   void add_to(const Vec3& c, double* to) const
   {
     for (int i = 0; i < 3 * num_vertices_; ++i)
-      to[stride == 3 ? i : i / 3 * stride + i % 3]
-          += c[0] * gradient_[0][i] + c[1] * gradient_[1][i] + c[2] * gradient_[2][i];
+      to[i] += c[0] * gradient_[0][i] + c[1] * gradient_[1][i] + c[2] * gradient_[2][i];
   }
 
   /// Add a matrix whose sum with its transpose is the matrix of k·∂²s. @param to first vertex,
@@ -194,12 +224,12 @@ struct Ray
   }
 
   /// Add the form c·v without the term t c·δn, which comes from the rotation of the normal.
-  void add_to(const Columns& columns, const Vec3& c, double* row, int stride = 3) const
+  void add_to(const Columns& columns, const Vec3& c, double* row) const
   {
     for (int i = 0; i < columns.num_cut; ++i)
-      add(row + (columns.cut + i) * stride, T[i], c);
+      add(row + 3 * (columns.cut + i), T[i], c);
     for (int j = 0; j < columns.num_other; ++j)
-      add(row + (columns.other + j) * stride, -M[j], c);
+      add(row + 3 * (columns.other + j), -M[j], c);
   }
 
   /// Return the form c·v.
@@ -230,6 +260,19 @@ struct Ray
   double t, weight;
 };
 
+/// c·∂²x_z/∂ζ², [∂₁∂₁, ∂₁∂₂, ∂₂∂₂].
+inline Vec3 bending(const RayFacet& z, const Vec2& zeta, const Vec3& c)
+{
+  Vec3 out{};
+  if (z.degree == 1 && z.type != FacetType::quadrilateral)
+    return out;
+  const Vec3 origin = facet_vertex(z.x, 0);
+  const auto ddM = trace_curvatures(z.type, z.degree, zeta);
+  for (int j = 0; j < z.num_nodes(); ++j)
+    add(out.data(), dot(c, facet_vertex(z.x, j) - origin), ddM[j]);
+  return out;
+}
+
 /// Number of coordinates on facets.
 inline int dim_of(const RayPair& pair) { return pair.cut.type == FacetType::interval ? 1 : 2; }
 } // namespace qsdolfinx::forms
@@ -250,65 +293,3 @@ struct qsdolfinx::Rays
   forms::Columns columns;
   std::vector<forms::Ray> all; ///< [point]
 };
-
-namespace qsdolfinx::forms
-{
-/// Derivatives of the quantities of a ray by ξ.
-class RayByXi
-{
-public:
-  RayByXi(const Rays& rays, std::size_t point)
-      : ray(rays.all[point]), normal_(rays.normal), columns_(rays.columns),
-        dT_(trace_gradients(rays.pair.cut.type, rays.pair.cut.degree, rays.points[point].xi))
-  {
-    const RayPair& pair = rays.pair;
-    const Vec3 origin = facet_vertex(pair.other.x, 0);
-    const auto along = tangents(pair.cut, facet_vertex(pair.cut.x, 0), dT_);
-    for (int a = 0; a < 2; ++a)
-    {
-      dt[a] = dot(ray.A.t, along[a]);
-      dzeta[a] = {dot(ray.A.zeta[0], along[a]), dot(ray.A.zeta[1], along[a])};
-    }
-    if (pair.other.degree == 1 && pair.other.type != FacetType::quadrilateral)
-      return; // the facet is straight
-    const auto ddM = trace_curvatures(pair.other.type, pair.other.degree, rays.points[point].zeta);
-    for (int a = 0; a < 2; ++a)
-      for (int j = 0; j < columns_.num_other; ++j)
-      {
-        const Vec3 x = facet_vertex(pair.other.x, j) - origin;
-        const auto& [d11, d12, d22] = ddM[j];
-        add(da[a][0].data(), d11 * dzeta[a][0] + d12 * dzeta[a][1], x);
-        add(da[a][1].data(), d12 * dzeta[a][0] + d22 * dzeta[a][1], x);
-      }
-  }
-
-  /// Derivative of a row A of J⁻¹ by ξ_α.
-  Vec3 change_of(const Vec3& A, int alpha) const
-  {
-    return -1 * (dot(A, da[alpha][0]) * ray.A.zeta[0] + dot(A, da[alpha][1]) * ray.A.zeta[1]);
-  }
-
-  /// Add the derivative of the form c·v by ξ_α. @param dc derivative of c
-  void add_form(const Vec3& c, const Vec3& dc, int alpha, double* row) const
-  {
-    ray.add_form(columns_, normal_, dc, row);
-    for (int i = 0; i < columns_.num_cut; ++i)
-      add(row + 3 * (columns_.cut + i), dT_[i][alpha], c);
-    for (int j = 0; j < columns_.num_other; ++j)
-      add(row + 3 * (columns_.other + j),
-          -ray.dM[j][0] * dzeta[alpha][0] - ray.dM[j][1] * dzeta[alpha][1], c);
-    normal_.add_to(dt[alpha] * c, row + 3 * columns_.along);
-  }
-
-  const Ray& ray;
-  Vec2 dt;
-  std::array<Vec2, 2> dzeta;               ///< [α]
-  std::array<std::array<Vec3, 2>, 2> da{}; ///< derivatives of the tangents, [α][β]
-
-private:
-  const Normal& normal_;
-  const Columns& columns_;
-  std::array<Vec2, max_trace> dT_;
-};
-
-} // namespace qsdolfinx::forms

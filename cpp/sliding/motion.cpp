@@ -1,5 +1,4 @@
 #include "sliding/motion.h"
-#include "geometry/outer.h"
 #include "geometry/processors.h"
 #include "sliding/facing.h"
 #include "sliding/forms.h"
@@ -371,86 +370,4 @@ void qsdolfinx::append_motions(const RayPair& pair, const PieceShape& shape,
   const Motion motion(pair, shape, velocity);
   for (std::size_t p = 0; p < points.size(); ++p)
     motions.push_back(motion.of(p, points[p]));
-}
-
-QSDOLFINX_FOR_PROCESSORS
-void qsdolfinx::add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
-                                      std::span<double> forms)
-{
-  const std::size_t stride = forms.size() / (3 * rays.points.size());
-  for (std::size_t p = 0; p < rays.points.size(); ++p)
-  {
-    if (pressure[p] == 0)
-      continue;
-    const RayByXi at(rays, p);
-    const double force = rays.points[p].weight * pressure[p];
-    const Vec3 c = -force * at.ray.A.t;
-    double* to = &forms[3 * p * stride];
-    for (int a = 0; a < 2; ++a, to += stride)
-      at.add_form(c, -force * at.change_of(at.ray.A.t, a), a, to);
-    at.ray.add_form(rays.columns, rays.normal, c, to);
-  }
-}
-
-void qsdolfinx::add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
-                                           std::span<double> forms)
-{
-  const int dim = dim_of(rays.pair);
-  const std::size_t stride = forms.size() / (3 * rays.points.size());
-  for (std::size_t p = 0; p < rays.points.size(); ++p)
-  {
-    const RayByXi at(rays, p);
-    const double w = (rays.pair.cut_is_slave ? 1 : -1) * rays.points[p].weight;
-    const Vec3 force = w * facet_vertex(traction, static_cast<int>(p));
-    const auto& A = at.ray.A.zeta;
-    Vec3 c{};
-    std::array<Vec3, 2> dc{};
-    for (int b = 0; b < dim; ++b)
-    {
-      const double s = dot(force, at.ray.a[b]);
-      c = c + s * A[b];
-      for (int a = 0; a < dim; ++a)
-        dc[a] = dc[a] + dot(force, at.da[a][b]) * A[b] + s * at.change_of(A[b], a);
-    }
-    double* to = &forms[3 * p * stride];
-    for (int a = 0; a < 2; ++a, to += stride)
-      at.add_form(c, dc[a], a, to);
-    at.ray.add_form(rays.columns, rays.normal, c, to);
-  }
-}
-
-QSDOLFINX_FOR_PROCESSORS
-void qsdolfinx::add_moved(const RayPair& pair, const PieceMotion& motion,
-                          std::span<const double> forms, std::span<double> out)
-{
-  // Points have few corners: forms are summed for each corner before they are multiplied by its
-  // velocity.
-  const auto n = 3 * static_cast<std::size_t>(pair.num_nodes()),
-             dim = static_cast<std::size_t>(dim_of(pair)), num_points = motion.points.size(),
-             rows = forms.size() / (3 * num_points),
-             of_vertices = 3 * static_cast<std::size_t>(pair.cut.num_vertices()),
-             first = 3 * static_cast<std::size_t>(Columns(pair).cut);
-  std::vector<double> of_corners(motion.velocity.size() / n * rows),
-      right(3 * num_points * of_vertices);
-  for (std::size_t p = 0; p < num_points; ++p)
-  {
-    const auto& [corner, by_corner, by_vertex, by_facing] = motion.points[p];
-    const double *by_xi = &forms[3 * p * rows], *by_eta = by_xi + rows, *by_weight = by_eta + rows;
-    for (std::size_t b = 0; b <= dim; ++b)
-      for (std::size_t d = 0; d < dim; ++d)
-      {
-        double* to = &of_corners[(corner[b] * dim + d) * rows];
-        const std::size_t k = 2 * b + d;
-        for (std::size_t i = 0; i < rows; ++i)
-          to[i] += by_corner[0][k] * by_xi[i] + by_corner[1][k] * by_eta[i]
-                   + by_corner[2][k] * by_weight[i];
-      }
-    if (by_facing != 0)
-      for (std::size_t i = 0; i < rows; ++i)
-        of_corners[of_corners.size() - rows + i] += by_facing * by_weight[i];
-    for (std::size_t a = 0; a < 3; ++a)
-      std::copy_n(by_vertex[a].begin(), of_vertices, &right[(3 * p + a) * of_vertices]);
-  }
-  add_outer_products(of_corners, motion.velocity, {}, rows, n, out.data(), rows);
-  add_outer_products(forms, right, {}, rows, of_vertices, out.data() + first, rows);
 }

@@ -1,6 +1,5 @@
 // Motion of the points of a piece of the overlay on the facet that is cut, which follows from the
-// motion of the piece's corners, and its contribution to derivatives of sums over the points. No
-// MPI.
+// motion of the piece's corners. No MPI.
 #pragma once
 
 #include "geometry/planar.h"
@@ -66,20 +65,5 @@ struct PieceMotion
 /// PieceMotion
 void append_motions(const RayPair& pair, const PieceShape& shape, std::span<const RayPoint> points,
                     std::vector<double>& velocity, std::vector<PointMotion>& motions);
-
-/// Add the derivatives of w_p p_p ∂g_p by ξ₁, ξ₂ and ln w for constant p_p, nodes fixed.
-/// @param pressure p_p, [point] @param forms added, [point][3][stride], the nodes first
-void add_changes_of_forces(const Rays& rays, std::span<const double> pressure,
-                           std::span<double> forms);
-
-/// Add the same derivatives of w_p τ_p·(variation that tractions work on), see RaySlip::works.
-/// @param traction τ_p, [point][3]
-void add_changes_of_slip_forces(const Rays& rays, std::span<const double> traction,
-                                std::span<double> forms);
-
-/// Add Σ_p (form_ξ₁ δξ₁ + form_ξ₂ δξ₂ + form_w δ ln w) of points that move.
-/// @param forms [point][3][row] @param out [row][row]; the first columns are those of the nodes
-void add_moved(const RayPair& pair, const PieceMotion& motion, std::span<const double> forms,
-               std::span<double> out);
 
 } // namespace qsdolfinx

@@ -89,22 +89,7 @@ void normal_gradient(const RayPair& pair, std::span<double> out);
 
 /// Gradients of the gaps of single points, ξ fixed; with a curved surface those of h − t. @param
 /// out [point][node][3]
-/// @param slopes derivatives by ξ, nodes fixed, [point][2]; empty if not needed
-/// @param raised whether a curved surface counts
-void gap_gradients(const Rays& rays, std::span<double> out, std::span<double> slopes = {},
-                   bool raised = true);
-
-/// Derivatives of the places of points on the slave, which are ξ or ζ.
-/// @param gradients by the nodes of both facets, ξ fixed, [point][2][node][3]; 0 if the slave is
-/// cut
-/// @param slopes by ξ, nodes fixed, [point][2][2]
-void slave_places(const Rays& rays, std::span<double> gradients, std::span<double> slopes);
-
-/// Add Σ_p w_p p_p ∂²g_p, ξ and w fixed. The matrix that is added is symmetric to the last bit,
-/// except for a curved surface in 3D, whose slopes are not those of a height.
-/// @param pressure p_p, [point] @param hessian [node][3][node][3]
-void add_curvature_of_points(const Rays& rays, std::span<const double> pressure,
-                             std::span<double> hessian);
+void gap_gradients(const Rays& rays, std::span<double> out);
 
 /// Positions of the nodes of both facets when slip began, [node][3].
 struct RayStart
@@ -121,18 +106,26 @@ struct RayStart
 /// a chord of the path along the facets; the arc is θ/sin θ times as long.
 struct RaySlip
 {
-  std::span<double> slip;     ///< [point][3]
-  std::span<double> normal;   ///< n, outward of the slave, [point][3]
-  std::span<double> gradient; ///< gradient of the slip by the nodes of both, ξ fixed,
-                              ///< [point][node][3][3]; rows: slip
-  std::span<double> works;    ///< variation on which tractions do work: Σ a_α δζ_α of the end,
-                              ///< shape as `gradient`
-  std::span<double> slope;    ///< derivatives of the slip by ξ, nodes fixed, [point][2][3]
-  std::span<double> arc;      ///< θ/sin θ, [point]
-  std::span<double> gap;      ///< component of d₀ along n when slip began, positive in penetration,
-                              ///< [point]
+  std::span<double> slip;   ///< [point][3]
+  std::span<double> normal; ///< n, outward of the slave, [point][3]
+  std::span<double> slides; ///< gradient of the slip in its frame, ξ fixed, see slip_rows
+  std::span<double> chord;  ///< components of the slip in its frame, [point][2]
+  std::span<double> works;  ///< variation on which tractions do work: Σ a_α δζ_α of the end, see
+                            ///< slip_rows
+  std::span<double> slope;  ///< derivatives of the slip by ξ, nodes fixed, [point][2][3]
+  std::span<double> arc;    ///< θ/sin θ, [point]
+  std::span<double> gap;    ///< component of d₀ along n when slip began, positive in penetration,
+                            ///< [point]
 };
 void slip_of_points(const Rays& rays, const RayStart& start, const RaySlip& out);
+
+/// Rows by the nodes of both facets of each component of the slip, or of the variation that
+/// tractions work on.
+/// @param slides c of the forms c·v of the components, see forms.h, [3][3]
+/// @param chord the slip's components in its frame, which turns; empty for that variation
+/// @param out [3][node][3]
+void slip_rows(const Rays& rays, std::size_t point, std::span<const double> slides,
+               std::span<const double> chord, std::span<double> out);
 
 /// Rotation of vectors that turn with the facet along whose normal the rays are, since slip began:
 /// its normal and the direction of its first edge in the plane turn with it. @param out rows,
@@ -143,12 +136,5 @@ void turn_since(const RayPair& pair, const RayStart& start, std::span<double> ou
 /// plane have in common. A vector v in the plane changes by n × v times this, and along n.
 /// @param out [node][3]
 void spin_gradient(const RayPair& pair, std::span<double> out);
-
-/// Add the derivative of Σ_p w_p τ_p·(variation that tractions work on), for constant tractions and
-/// fixed ξ and w.
-/// @param traction τ_p, [point][3] @param hessian [node][3][node][3], rows are those of this
-/// variation; not symmetric
-void add_slip_curvature_of_points(const Rays& rays, std::span<const double> traction,
-                                  std::span<double> hessian);
 
 } // namespace qsdolfinx

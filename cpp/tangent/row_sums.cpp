@@ -6,13 +6,17 @@
 #include <array>
 #include <cstdint>
 #include <numeric>
+#include <utility>
 
 using namespace qsdolfinx;
 
 namespace
 {
-/// Number of values that are collected before they are summed for the first time: 2 MiB.
-constexpr std::size_t most_values = std::size_t(1) << 18;
+/// Number of values that are collected before they are summed, while they are in the processor's
+/// cache: 256 KiB.
+constexpr std::size_t most_values = std::size_t(1) << 15;
+/// Number of sums that are collected before they are summed for the first time: 2 MiB.
+constexpr std::size_t most_sums = std::size_t(1) << 18;
 } // namespace
 
 std::int32_t RowSums::number_of(PetscInt key)
@@ -21,15 +25,25 @@ std::int32_t RowSums::number_of(PetscInt key)
     return -1;
   const std::int32_t out = numbering_(key);
   if (numbering_.size() > known_.size())
+  {
     known_.push_back(key);
+    count_.push_back(0);
+    sums_.push_back(0.0);
+    is_found_.push_back(0);
+  }
   return out;
 }
 
 void RowSums::add(std::span<const PetscInt> rows, std::span<const PetscInt> columns,
                   std::span<const double> values)
 {
-  if (values_.size() + values.size() > 2 * num_summed_ + most_values)
-    sum();
+  if (values_.size() + values.size() > summed_.values + most_values)
+  {
+    sum(summed_);
+    summed_ = {parts_.size(), columns_.size(), values_.size()};
+    if (values_.size() > 2 * num_sums_ + most_sums)
+      sum_all();
+  }
   for (std::size_t i = 0; i < rows.size(); ++i)
     if (const std::int32_t row = number_of(rows[i]); row >= 0)
       parts_.push_back({row, columns_.size(), values_.size() + i * columns.size(), columns.size()});
@@ -63,68 +77,87 @@ void RowSums::add_entries(std::span<const std::int64_t> rows, std::span<const st
   }
 }
 
-/// Add parts of the same row.
-void RowSums::sum()
+/// Numbers of the parts from `first` on, sorted by their rows, and where those of each row end.
+/// Rows are in the order of their first parts.
+std::pair<std::vector<std::size_t>, std::vector<std::size_t>> RowSums::by_rows(std::size_t first)
 {
-  std::vector<std::size_t> end(known_.size() + 1, 0), order(parts_.size()); // by rows
-  for (const Part& part : parts_)
-    ++end[part.row + 1];
-  std::partial_sum(end.begin(), end.end(), end.begin());
-  for (std::size_t i = 0; i < parts_.size(); ++i)
-    order[end[parts_[i].row]++] = i; // end[r] moves from the first part to past the last
+  std::vector<std::int32_t> rows;
+  for (std::size_t i = first; i < parts_.size(); ++i)
+    if (count_[parts_[i].row]++ == 0)
+      rows.push_back(parts_[i].row);
+  std::vector<std::size_t> order(parts_.size() - first), end;
+  std::size_t before = 0;
+  for (std::int32_t row : rows)
+    before += std::exchange(count_[row], before);
+  for (std::size_t i = first; i < parts_.size(); ++i)
+    order[count_[parts_[i].row]++] = i;
+  for (std::int32_t row : rows)
+    end.push_back(std::exchange(count_[row], 0));
+  return {std::move(order), std::move(end)};
+}
 
+/// Add the parts of the same row from a position on.
+void RowSums::sum(const Position& from)
+{
+  const auto [order, end] = by_rows(from.parts);
   std::vector<Part> parts;
-  std::vector<std::int32_t> columns, found(known_.size() + 1); // of the current row, and one more
-  std::vector<double> values, sums(known_.size(), 0.0);
-  std::vector<char> is_found(known_.size(), 0);
-  std::size_t size = 0, before = 0; // columns; first part of the row before
-  for (std::size_t row = 0, first = 0; row < known_.size(); first = end[row++])
+  std::vector<std::int32_t> columns, found; // of the current row
+  std::vector<double> values;
+  double* const sums = sums_.data() + 1; // that of column −1 is ignored
+  std::span<const std::size_t> before;
+  for (std::size_t row = 0, first = 0; row < end.size(); first = end[row++])
   {
     const auto own = std::span(order).subspan(first, end[row] - first);
-    if (own.empty())
-      continue;
     // The unknowns of a node have the same columns.
     const auto of_part = [this](std::size_t i) { return parts_[i].columns; };
-    const bool same = first > 0
-                      && std::ranges::equal(own, std::span(order).subspan(before, first - before),
-                                            {}, of_part, of_part);
-    if (!same)
+    if (!std::ranges::equal(own, before, {}, of_part, of_part))
     {
-      size = 0;
-      for (std::size_t i : own)
-        for (std::size_t j = 0; j < parts_[i].size; ++j)
-          if (const std::int32_t c = columns_[parts_[i].columns + j]; c >= 0)
-          {
-            found[size] = c;
-            size += 1 - is_found[c];
-            is_found[c] = 1;
-          }
-      for (std::size_t j = 0; j < size; ++j)
-        is_found[found[j]] = 0;
+      find_columns(own, found);
+      columns.insert(columns.end(), found.begin(), found.end());
     }
     for (std::size_t i : own)
     {
       const std::int32_t* column = &columns_[parts_[i].columns];
       const double* value = &values_[parts_[i].values];
       for (std::size_t j = 0; j < parts_[i].size; ++j)
-        if (column[j] >= 0)
-          sums[column[j]] += value[j];
+        sums[column[j]] += value[j];
     }
-    if (!same)
-      columns.insert(columns.end(), found.begin(),
-                     found.begin() + static_cast<std::ptrdiff_t>(size));
-    parts.push_back({static_cast<std::int32_t>(row), columns.size() - size, values.size(), size});
-    for (std::size_t j = 0; j < size; ++j)
-    {
-      values.push_back(sums[found[j]]);
-      sums[found[j]] = 0;
-    }
-    before = first;
+    parts.push_back({parts_[own[0]].row, from.columns + columns.size() - found.size(),
+                     from.values + values.size(), found.size()});
+    for (std::int32_t c : found)
+      values.push_back(std::exchange(sums[c], 0.0));
+    before = own;
   }
-  parts_.swap(parts);
-  columns_.swap(columns);
-  values_.swap(values);
-  num_summed_ = values_.size();
+  const auto replace = [](auto& all, std::size_t first, const auto& last)
+  {
+    all.resize(first);
+    all.insert(all.end(), last.begin(), last.end());
+  };
+  replace(parts_, from.parts, parts);
+  replace(columns_, from.columns, columns);
+  replace(values_, from.values, values);
+}
+
+/// Find all columns of some parts, in the order of their first appearance.
+void RowSums::find_columns(std::span<const std::size_t> parts, std::vector<std::int32_t>& found)
+{
+  found.clear();
+  for (std::size_t i : parts)
+    for (std::size_t j = 0; j < parts_[i].size; ++j)
+      if (const std::int32_t c = columns_[parts_[i].columns + j]; c >= 0 && !is_found_[c])
+      {
+        is_found_[c] = 1;
+        found.push_back(c);
+      }
+  for (std::int32_t c : found)
+    is_found_[c] = 0;
+}
+
+void RowSums::sum_all()
+{
+  sum({});
+  summed_ = {parts_.size(), columns_.size(), values_.size()};
+  num_sums_ = values_.size();
 }
 
 /// Send the sums in rows of other ranks to them. Collective.
@@ -162,12 +195,12 @@ void RowSums::send_to_owners()
   for (std::size_t i = 0; i < places.size(); ++i)
     of_rows_and_columns[i % 2].push_back(places[i]);
   add_entries(of_rows_and_columns[0], of_rows_and_columns[1], values);
-  sum();
+  sum_all();
 }
 
 void RowSums::insert()
 {
-  sum();
+  sum_all();
   send_to_owners();
   PetscBool is_assembled = PETSC_FALSE;
   check(MatAssembled(matrix_, &is_assembled));

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace qsdolfinx
@@ -43,8 +44,17 @@ private:
     std::size_t columns, values, size;
   };
 
+  /// Numbers of parts, columns and values.
+  struct Position
+  {
+    std::size_t parts = 0, columns = 0, values = 0;
+  };
+
   std::int32_t number_of(PetscInt key);
-  void sum();
+  std::pair<std::vector<std::size_t>, std::vector<std::size_t>> by_rows(std::size_t first);
+  void sum(const Position& from);
+  void find_columns(std::span<const std::size_t> parts, std::vector<std::int32_t>& found);
+  void sum_all();
   void send_to_owners();
   void set_pattern();
 
@@ -55,7 +65,12 @@ private:
   std::vector<std::int32_t> columns_; ///< of each block, or of several summed rows: numbers in
                                       ///< `known_`, or −1
   std::vector<double> values_;
-  std::size_t num_summed_ = 0; ///< values after the last sum
+  Position summed_;          ///< where the parts begin that have not been summed
+  std::size_t num_sums_ = 0; ///< values after the last sum of all parts
+  // For each known number, of use in sums: 0 between them.
+  std::vector<std::size_t> count_;
+  std::vector<double> sums_{0.0}; ///< that of −1 first
+  std::vector<char> is_found_;
 };
 
 } // namespace qsdolfinx

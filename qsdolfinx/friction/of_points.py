@@ -64,6 +64,23 @@ def carried_to(old: OfPoints, keys: Indices, place: Array, normal: Array) -> Arr
     return out
 
 
+class _Scaled(typing.NamedTuple):
+    """Points between facets with old points, and their positions.
+
+    Attributes:
+        some: The points.
+        of: Numbers of their pairs of facets.
+        along: Positions over the standard deviations of a pair, within limits, (variables,
+            points).
+        inside: Whether they are within the limits, (variables, points).
+    """
+
+    some: Indices
+    of: Indices
+    along: Array
+    inside: npt.NDArray[np.bool_]
+
+
 class SmoothRest:
     """``rest`` of the old points as a smooth function of the position between the same facets.
 
@@ -90,20 +107,25 @@ class SmoothRest:
                 np.add.at(out, runs, np.add.reduceat(values, starts, axis=0))
             return out / number.reshape(-1, *(1,) * (values.ndim - 1))
 
-        self._center = means(old.place)
-        away = old.place - self._center[of]
+        center = means(old.place)
+        away = old.place - center[of]
         square, axes = np.linalg.eigh(means(away[:, :, None] * away[:, None]))
         along = 1 - old.rest.shape[1]  # the axes along the facet are the last ones
         square, axes = square[:, along:], axes[:, :, along:]
         told = square > LEAST_SPREAD**2
-        self._scaled: Array = np.divide(
+        scaled = np.divide(
             axes, np.sqrt(square)[:, None], out=np.zeros_like(axes), where=told[:, None]
         )
-        known = _monomials(self._along(old.place, of)[0])
+        # Pairs of facets are the last axis, as sums over short axes are slow.
+        self._center: Array = np.ascontiguousarray(center.T)
+        self._scaled: Array = np.ascontiguousarray(np.moveaxis(scaled, 0, 2))
+        known = np.column_stack(_monomials(self._along(old.place, of)[0]))
         share, parts = np.linalg.eigh(means(known[:, :, None] * known[:, None]))
         inverse = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST_SHARE)
         right = np.swapaxes(parts, 1, 2) @ means(known[:, :, None] * old.rest[:, None])
-        self._factors: Array = (parts * inverse[:, None]) @ right
+        factors = (parts * inverse[:, None]) @ right
+        self._factors: Array = np.ascontiguousarray(np.moveaxis(factors, 0, 2))
+        self._last: tuple[Indices, Array, _Scaled] | None = None
 
     def at(self, keys: Indices, place: Array) -> Array:
         """Values of the function at other points, (points, gdim).
@@ -112,10 +134,10 @@ class SmoothRest:
             keys: Keys of these points, as those of the old points.
             place: Positions of these points, as those of the old points.
         """
-        some, of = self._known(keys)
-        out = np.zeros((len(keys), self._factors.shape[2]))
-        functions = _monomials(self._along(place[some], of)[0])
-        out[some] = np.einsum("pk,pki->pi", functions, self._factors[of])
+        some, of, along, _ = self._place(keys, place)
+        out = np.zeros((len(keys), self._factors.shape[1]))
+        (found,) = self._sums([_monomials(along)], of)
+        out[some] = found.T
         return out
 
     def slopes(self, keys: Indices, place: Array) -> Array:
@@ -125,13 +147,36 @@ class SmoothRest:
             keys: As for :meth:`at`.
             place: As for :meth:`at`.
         """
-        some, of = self._known(keys)
-        out = np.zeros((*place.shape, self._factors.shape[2]))
-        along, inside = self._along(place[some], of)
-        slopes = _slopes_of_monomials(along) * inside[:, None]
-        by_along = np.einsum("pkj,pki->pji", slopes, self._factors[of])
-        out[some] = self._scaled[of] @ by_along
+        some, of, along, inside = self._place(keys, place)
+        out = np.zeros((*place.shape, self._factors.shape[1]))
+        by_along = self._sums(_slopes_of_monomials(along), of) * inside[:, None]
+        for v, scaled in enumerate(self._scaled):
+            out[some, v] = np.sum(scaled.take(of, axis=1)[:, None] * by_along, axis=0).T
         return out
+
+    def _sums(
+        self, functions: typing.Sequence[typing.Sequence[Array | None]], of: Indices
+    ) -> Array:
+        """Sums of functions times the factors of pairs of facets, (sums, gdim, points).
+
+        None is 0.
+        """
+        out = np.zeros((len(functions), self._factors.shape[1], len(of)))
+        for k, factors in enumerate(self._factors):
+            of_points = factors.take(of, axis=1)
+            for to, row in zip(out, functions, strict=True):
+                function = row[k]
+                if function is not None:
+                    to += function * of_points
+        return out
+
+    def _place(self, keys: Indices, place: Array) -> _Scaled:
+        """Scaled positions of points, those of the last call for the same arrays."""
+        last = self._last
+        if last is None or last[0] is not keys or last[1] is not place:
+            some, of = self._known(keys)
+            self._last = last = keys, place, _Scaled(some, of, *self._along(place[some], of))
+        return last[2]
 
     def _known(self, keys: Indices) -> tuple[Indices, Indices]:
         """Points between facets with old points, and the numbers of these pairs of facets."""
@@ -148,11 +193,10 @@ class SmoothRest:
         return some, of[some]
 
     def _along(self, place: Array, of: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Positions scaled by the standard deviations of a pair of facets, within limits.
-
-        The flags tell which components are within the limits.
-        """
-        along = np.einsum("pk,pkj->pj", place - self._center[of], self._scaled[of])
+        """``along`` and ``inside`` of :class:`_Scaled`."""
+        along = np.zeros((self._scaled.shape[1], len(of)))
+        for at, center, scaled in zip(place.T, self._center, self._scaled, strict=True):
+            along += (at - center.take(of)) * scaled.take(of, axis=1)
         return np.clip(along, -FARTHEST, FARTHEST), np.abs(along) < FARTHEST
 
 
@@ -162,25 +206,34 @@ def _starts(keys: Indices) -> Indices:
     return np.flatnonzero(np.append(len(keys) > 0, other)[: len(keys)])
 
 
-def _monomials(x: Array) -> Array:
-    """All monomials up to the degree in one or two variables, (points, monomials)."""
-    powers = [x**k for k in range(DEGREE + 1)]
-    if x.shape[1] == 1:
-        return np.column_stack(powers)
-    return np.column_stack([powers[i][:, 0] * powers[j][:, 1] for i, j in _PAIRS])
+def _monomials(x: Array) -> list[Array]:
+    """All monomials up to the degree in one or two variables (n, points), each (points,)."""
+    powers = _powers(x)
+    if len(x) == 1:
+        return powers[0]
+    return [powers[0][i] * powers[1][j] for i, j in _PAIRS]
 
 
-def _slopes_of_monomials(x: Array) -> Array:
-    """Derivatives of these monomials by the variables, (points, monomials, variables)."""
-    powers = [x**k for k in range(DEGREE + 1)]
-    slopes = [np.zeros_like(x), *(k * powers[k - 1] for k in range(1, DEGREE + 1))]
-    if x.shape[1] == 1:
-        return np.stack(slopes, axis=1)
-    columns = [
-        np.stack([slopes[i][:, 0] * powers[j][:, 1], powers[i][:, 0] * slopes[j][:, 1]], axis=1)
-        for i, j in _PAIRS
+def _slopes_of_monomials(x: Array) -> list[list[Array | None]]:
+    """Derivatives of these monomials by each variable; None for those that are constant."""
+    powers = _powers(x)
+    if len(x) == 1:
+        return [[k * powers[0][k - 1] if k else None for k in range(DEGREE + 1)]]
+    return [
+        [i * powers[0][i - 1] * powers[1][j] if i else None for i, j in _PAIRS],
+        [powers[0][i] * (j * powers[1][j - 1]) if j else None for i, j in _PAIRS],
     ]
-    return np.stack(columns, axis=1)
+
+
+def _powers(x: Array) -> list[list[Array]]:
+    """Powers of each variable up to the degree, each (points,)."""
+    out = []
+    for of in x:
+        powers = [np.ones_like(of)]
+        for _ in range(DEGREE):
+            powers.append(powers[-1] * of)
+        out.append(powers)
+    return out
 
 
 def are_same(old: OfPoints, keys: Indices, place: Array) -> bool:

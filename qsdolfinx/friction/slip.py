@@ -207,7 +207,9 @@ class Slip:
 
     def __init__(self, gap: WeightedGap, friction: Friction) -> None:
         self.gap, self.friction = gap, friction
-        self.operator = gap.jump_operator()
+        self._own = gap.jump_operator()
+        #: With updated geometry, the slip at the points of the last evaluation.
+        self._found: SlipAtPoints | None = None
         gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
         self.projector: Array
@@ -215,7 +217,7 @@ class Slip:
         self._normal: Array | None = None
         #: Operator of the displacements on which tractions do work: the slip, except with updated
         #: geometry.
-        self.works: _cpp.GapOperator = self.operator
+        self.works: _cpp.GapOperator = self._own
         self._frames: Frames | None = None
         #: With constraints at points, frames of the nodes at the start of the step.
         self._began: tuple[Places, Array] | None = None
@@ -237,7 +239,7 @@ class Slip:
         #: without relative motion; None if there are none on any rank.
         self.held: Held | None = None
         #: Variable data, for fixed contact pairs.
-        num = self.operator.num_rows
+        num = self.works.num_rows
         shape = (len(self.covered), gdim * gdim) if gap.rows.are_points else (num, gdim)
         self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
         self.state.memory = LawMemory.of(friction, gap.rows)
@@ -340,6 +342,11 @@ class Slip:
         kept = self.kept(elastic)
         before = np.zeros_like(self._jump) if kept is None else kept.before
         return self.gap.moving_slip(self.state.begun, leaning, np.asarray(before / penalty))
+
+    @property
+    def operator(self) -> _cpp.GapOperator:
+        """Operator of the relative displacement, or derivative of the slip. Collective."""
+        return self._own if self._found is None else self._found.operator
 
     @property
     def at_points(self) -> SlipAtPoints | None:
@@ -551,7 +558,7 @@ class Slip:
 
     def constrain(self, slave: PETSc.Vec, master: PETSc.Vec | None) -> None:
         """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
-        self.operator.constrain(handle_of(slave), handle_of(master))
+        self.works.constrain(handle_of(slave), handle_of(master))
 
     def _place(self, u: Vecs, kept: tuple[bool, bool], tool: npt.ArrayLike) -> Place:
         """Copies of the data for the positions of the two sides."""
@@ -649,12 +656,12 @@ class Slip:
     def take_operator(self) -> None:
         """Use operator and normals of the gap's last evaluation. Collective."""
         if self.state.begun is None:  # before any step: those of contact detection
-            self.operator = self.works = self.gap.jump_operator()
-            self._normal, self._held = None, None
-            self.arc, self._turn = np.ones(self.operator.num_rows), None
+            self._own = self.works = self.gap.jump_operator()
+            self._found, self._normal, self._held = None, None, None
+            self.arc, self._turn = np.ones(self.works.num_rows), None
         else:
-            found = self.gap.slip_at_points(self.state.begun)
-            self.operator, self.works, self._normal = found.operator, found.works, found.normal
+            self._found = found = self.gap.slip_at_points(self.state.begun)
+            self.works, self._normal = found.works, found.normal
             self.arc, self._turn = found.arc, found.turn
         self.hold(self._held)
         self.cover = np.ones(len(self.arc))
@@ -942,7 +949,7 @@ class Slip:
         law, slid = self.friction, self._slid(evaluated)
         with collective_errors(self.slave.comm), named_keys(law, "friction"):
             found = law.commit(evaluated.rows, slid)
-            found = committed(law, "friction", found, self.operator.num_rows)
+            found = committed(law, "friction", found, self.works.num_rows)
         self.state.memory = memory.after(self.gap.rows, found)
 
     def dissipation(self) -> Array:

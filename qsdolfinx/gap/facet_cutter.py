@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import typing
 
 from petsc4py import PETSc
@@ -306,16 +307,13 @@ class FacetCutter:
         of_tool = _back(places[1], start[1]) if is_rigid(master) else np.zeros(0)
         on_master = vecs[1].handle if len(vecs) > 1 else 0
         slips = _cpp.SlipOfPieces(pieces, vecs[0].handle, on_master, of_tool)
-        operator, works = (
-            _cpp.GapOperator(
-                self._master,
-                points_of=pieces,
-                slip=slips,
-                works=of_works,
-                weight=alone.weight,
+
+        def operator(works: bool) -> _cpp.GapOperator:
+            weight = alone.weight
+            return _cpp.GapOperator(
+                self._master, points_of=pieces, slip=slips, works=works, weight=weight
             )
-            for of_works in (False, True)
-        )
+
         for vec in vecs:
             vec.destroy()
         count = len(alone.weight)
@@ -331,7 +329,18 @@ class FacetCutter:
         gap = np.concatenate([np.asarray(slips.gap), np.full(count, -alone.far)])
         turn = np.asarray(slips.turns(pieces))[:, :gdim, :gdim]
         turn = np.concatenate([turn, np.broadcast_to(np.eye(gdim), (count, gdim, gdim))])
-        return SlipAtPoints(slip, normal, operator, works, facets, place, arc, gap, turn, slips)
+        return SlipAtPoints(
+            slip,
+            normal,
+            operator(True),
+            functools.partial(operator, False),
+            facets,
+            place,
+            arc,
+            gap,
+            turn,
+            slips,
+        )
 
     def points(self, found: Found) -> tuple[Array, Array]:
         """See :class:`Cutter`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import typing
 
 from mpi4py import MPI
@@ -75,14 +76,15 @@ class Alone(typing.NamedTuple):
     far: float
 
 
-class SlipAtPoints(typing.NamedTuple):
+@dataclasses.dataclass
+class SlipAtPoints:
     """Slip at the points of the last evaluation.
 
     Attributes:
         slip: Slip of the slave relative to the master, (rows, gdim).
         normal: Normals out of the slave, (rows, gdim).
-        operator: Derivative of the slip, a matrix for each node.
         works: Operator of the displacements on which tractions do work.
+        make_operator: Function that makes :attr:`operator`.
         facets: Keys of the pair of facets of each point, (rows, n).
         place: Positions on the slave's facets: shape functions of its vertices, (rows, vertices).
         arc: Arc length along the surfaces over the slip, which is the chord, (rows,).
@@ -95,14 +97,30 @@ class SlipAtPoints(typing.NamedTuple):
 
     slip: Array
     normal: Array
-    operator: _cpp.GapOperator
     works: _cpp.GapOperator
+    make_operator: typing.Callable[[], _cpp.GapOperator]
     facets: npt.NDArray[np.int64]
     place: Array
     arc: Array
     gap: Array
     turn: Array
     of_cutter: typing.Any = None
+    _marked: Vecs | None = None
+
+    @functools.cached_property
+    def operator(self) -> _cpp.GapOperator:
+        """Derivative of the slip, a matrix for each node. Collective in its first use."""
+        out = self.make_operator()
+        if self._marked is not None:
+            out.constrain(*map(handle_of, self._marked))
+        return out
+
+    def constrain(self, marked: Vecs) -> None:
+        """Mark the unknowns with Dirichlet conditions by nonzero entries. Collective."""
+        self._marked = marked
+        self.works.constrain(*map(handle_of, marked))
+        if "operator" in self.__dict__:
+            self.operator.constrain(*map(handle_of, marked))
 
 
 class Changes(typing.NamedTuple):
@@ -540,8 +558,8 @@ class Following:
         known = self._slip
         if known is None or known[0] is not last or known[1] is not start:
             found = self._cutter.slip_at_points(last.found, last.places, last.alone, start)
-            for operator in (found.operator, found.works):
-                self._constrain(operator)
+            if self._marked is not None:
+                found.constrain(self._marked)
             self._slip = last, start, found
         assert self._slip is not None
         return self._slip[2]
@@ -582,8 +600,7 @@ class Following:
         if self._jump is not None:
             self._constrain(self._jump[1])
         if self._slip is not None:
-            for operator in (self._slip[2].operator, self._slip[2].works):
-                self._constrain(operator)
+            self._slip[2].constrain(self._marked)
 
     def _constrain(self, operator: _cpp.GapOperator) -> None:
         if self._marked is not None:

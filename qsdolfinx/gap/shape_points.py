@@ -367,7 +367,9 @@ class ShapePoints:
         slip, normal = (np.concatenate([values, none]) for values in (slip, -n))
         facets = np.asarray(points.slave["dofs"])[:, : self._N.shape[1], 0]
         place = np.asarray(points.multiplier_values)
-        return SlipAtPoints(slip, normal, operator, operator, facets, place, arc, gap, turns, tool)
+        return SlipAtPoints(
+            slip, normal, operator, lambda: operator, facets, place, arc, gap, turns, tool
+        )
 
     def moving_slip(
         self,
@@ -441,7 +443,7 @@ class ShapePoints:
     ) -> tuple[int, PETSc.Mat]:
         """Derivative of slips due to turning tangent planes of the tool, a row per component."""
         at, gdim, comm = found.of_cutter, self._slave.gdim, self._slave.comm
-        num_rows = slip.operator.num_rows * gdim
+        num_rows = slip.works.num_rows * gdim
         rows = PETSc.Vec().createMPI((num_rows, PETSc.DETERMINE), comm=comm)
         faces, some = at.weight > 0, np.arange(len(at.weight))
         tool: Turn = slip.of_cutter

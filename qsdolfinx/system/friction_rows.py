@@ -94,7 +94,7 @@ class FrictionRows:
     @property
     def shape(self) -> tuple[int, int]:
         """Shape of the unknowns τ of this rank."""
-        return self.slip.operator.num_rows, self.slip.gap.slave.gdim
+        return self.slip.works.num_rows, self.slip.gap.slave.gdim
 
     def first(self) -> Array:
         """First guess of τ, from the last solve."""
