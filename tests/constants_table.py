@@ -667,6 +667,11 @@ CHANGED = [
         ("solve/test_unsupported.py::test_rotation_on_a_cylinder",),
     ),
     Changed(
+        "solve/watchdog.py:CLOSE",
+        (0.1,),
+        ("steps/test_snapping.py::test_force_through_a_limit",),
+    ),
+    Changed(
         "solve/watchdog.py:PATIENCE",
         (20,),
         ("solve/test_watchdog.py::test_sharp_punch_that_is_dragged",),

@@ -148,7 +148,7 @@ void PieceMatrix::set_trials(const Rays& rays, std::size_t p)
       const auto slope = lift_of(rays.pair, points_[p].zeta).slope;
       const forms::Ray& ray = rays.all[p];
       std::fill_n(to, n_, 0.0);
-      ray.add_form(rays.columns, rays.normal, ray.of_gap(gamma, slope), to);
+      ray.add_form(rays.columns, rays.normal, gamma * ray.of_gap(1, slope), to);
     }
     else // gaps are those to the facet itself
       forms::set_rows<1>(to, n_, {-gamma}, {change_.t.data()});

@@ -91,7 +91,7 @@ class OneNewton:
         """
         self._balance.begin()
         self._mixing = Mixing(self.equations.system.comm)
-        progress, watchdog = Progress(self.equations.system), Watchdog()
+        progress = Progress(self.equations.system)
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -100,6 +100,7 @@ class OneNewton:
         begun = self._merit(at)
         if not np.isfinite(begun):
             raise NoConvergence("the residual is not finite", NOT_FINITE)
+        watchdog = Watchdog(begun)
         if self._newton.has_users_snes:
             if begins:
                 z, at, _ = self._search(z, at, self._change(at) if change is None else change)
@@ -126,10 +127,9 @@ class OneNewton:
                 softly = False
                 z, at, change = self._begun_softly(z, at, change, begun)
             mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
-            full = None
-            if mixed is None and watchdog.wants_full_step:
+            full, before = None, (z, self._merit(at))
+            if mixed is None and watchdog.wants_full_step(before[1]):
                 full = self._full_step(z, at, change)
-            before = z, self._merit(at)
             z, at, step = mixed or full or self._search(z, at, change, is_first)
             if full is not None:
                 watchdog.hold(*before)

@@ -17,6 +17,10 @@ PATIENCE = 2
 #: it. With 1, runs return that would converge in the next iteration; with many, full steps that do
 #: not help take as many iterations.
 TRIAL = 8
+#: Merit over that at the start of the solve below which iterates are close to a solution. With 0.1,
+#: full steps are taken near the limit point in ``tests/steps/test_snapping.py``, at 0.03, and cost
+#: further cut-backs.
+CLOSE = 0.01
 
 
 class Watchdog:
@@ -29,9 +33,16 @@ class Watchdog:
     not fall below the one before it within some iterations, the run returns to the iterate before
     it, and takes twice as many short steps before the next full one (Chamberlain, Powell,
     Lemarechal, Pedersen, Math. Program. Study 16, 1982, 1).
+
+    This is done close to a solution only. Far from one, steps are also short where the derivative
+    is almost singular, as at a limit point, and full steps lead anywhere.
+
+    Args:
+        begun: Merit at the start of the solve.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, begun: float) -> None:
+        self._begun = begun
         self._short, self._patience, self._left = 0, PATIENCE, 0
         self._held: tuple[Array, float] | None = None
 
@@ -52,10 +63,14 @@ class Watchdog:
         self._left -= 1
         return None
 
-    @property
-    def wants_full_step(self) -> bool:
-        """Whether the next step is to be a full one."""
-        return self._held is None and self._short >= self._patience
+    def wants_full_step(self, merit: float) -> bool:
+        """Whether the next step is to be a full one.
+
+        Args:
+            merit: Merit of the present iterate.
+        """
+        is_close = merit < CLOSE * self._begun
+        return is_close and self._held is None and self._short >= self._patience
 
     def hold(self, z: Array, merit: float) -> None:
         """Store the iterate before a full step.

@@ -14,6 +14,7 @@ from dolfinx import fem, mesh
 
 import qsdolfinx as qs
 from qsdolfinx.system.equations import Equations
+from qsdolfinx.system.normal_rows import LEAST_PROXIMAL
 
 FINITE = {"sliding": "finite", "constraints": "points"}
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
@@ -269,6 +270,24 @@ def test_derivative_before_a_tip(cell):
         return np.concatenate([equations.bodies_of(values), equations.layout.part(values, 2)])
 
     assert errors(equations, z, scale, of=of_tip) < 1e-8
+
+
+def test_tip_far_from_a_solution():
+    """Far from a solution, where points of gaps are fixed, tip and body are coupled symmetrically.
+
+    The gap is that to a curved facet, as in the work of the force.
+    """
+    scene = OnTip("quadrilateral", 0.02)
+    scene.problem.set_up()
+    equations = Equations(scene.problem.system)
+    z, _ = away(equations, size=0.02)
+    equations.multipliers(z)[1].normal[:] += 5.0
+    equations.set_proximal(LEAST_PROXIMAL, far=True)
+    J = equations.derivative.of(equations.evaluate(z)).getValues(range(len(z)), range(len(z)))
+    tip = equations.layout.first_of_pass(1)
+    force, gap = J[:tip, tip], J[tip, :tip]
+    assert largest(force) > 0
+    assert np.abs(gap - force).max() < 1e-12 * np.abs(force).max()
 
 
 @pytest.mark.parametrize(("cell", "mu"), (("triangle", 0.0), ("quadrilateral", 0.3)))

@@ -7,22 +7,25 @@ from scenes import WORLD, box
 
 import qsdolfinx as qs
 from qsdolfinx.solve import watchdog as module
-from qsdolfinx.solve.watchdog import PATIENCE, TRIAL, Watchdog
+from qsdolfinx.solve.watchdog import CLOSE, PATIENCE, TRIAL, Watchdog
 
 SHORT_STEP = module.SHORT / 2
+#: Merit at the start, with 1 close to a solution.
+START = 2 / CLOSE
 
 
 def crawl(watchdog, count):
     """Note this many short steps, none of which is followed by a full step."""
     for _ in range(count):
-        assert not watchdog.wants_full_step and watchdog.back(1.0) is None
+        assert not watchdog.wants_full_step(1.0) and watchdog.back(1.0) is None
         watchdog.note(SHORT_STEP)
-    assert watchdog.wants_full_step
+    assert watchdog.wants_full_step(1.0)
+    assert not watchdog.wants_full_step(2 * CLOSE * START)
 
 
 def test_full_steps_and_returns():
     """After short steps a full one; without success the run returns, and waits twice as long."""
-    watchdog, start = Watchdog(), np.array([3.0])
+    watchdog, start = Watchdog(START), np.array([3.0])
     watchdog.note(SHORT_STEP)
     watchdog.note(1.0)  # one short step, then a full one by itself
     crawl(watchdog, PATIENCE)
@@ -31,7 +34,7 @@ def test_full_steps_and_returns():
     for _ in range(TRIAL):
         assert watchdog.back(2.0) is None
         watchdog.note(SHORT_STEP)
-        assert not watchdog.wants_full_step
+        assert not watchdog.wants_full_step(1.0)
     assert watchdog.back(2.0) is start
     watchdog.note(1.0)
     crawl(watchdog, 2 * PATIENCE)
