@@ -652,6 +652,35 @@ CHANGED = [
         ("friction/test_first_contact.py::test_steps_in_which_bodies_meet",),
     ),
     Changed(
+        "solve/snap_through.py:CORRECTED",
+        (0.1, 2.0),
+        (
+            "problems/test_rubber.py::test_roller",
+            "steps/test_snap_through.py::test_arch_under_a_force",
+        ),
+    ),
+    Changed(
+        "solve/snap_through.py:OF_STORED",
+        (0.005, 1.0),
+        (
+            "sliding/test_leaning.py::test_pressed_and_dragged",
+            "steps/test_snap_through.py::test_arch_under_a_force",
+        ),
+    ),
+    Changed(
+        "solve/snap_through.py:OF_STORED_BEYOND",
+        (1e-4, 0.2),
+        (
+            "sliding/test_turning.py::test_without_friction",
+            "steps/test_snap_through.py::test_snap_back",
+        ),
+    ),
+    Changed(
+        "solve/snap_through.py:OF_WORK",
+        (1.0,),
+        ("steps/test_snap_through.py::test_arch_under_a_force",),
+    ),
+    Changed(
         "solve/stabilisation.py:VANISHING",
         (1e-06, 1.0),
         ("solve/test_regularisation.py::test_stabilisation_by_default",),

@@ -497,7 +497,7 @@ FAULTS = [
         "gamma * ray.of_gap(1, slope)",
         "ray.of_gap(gamma, slope)",
         "finite sliding: gaps to curved facets in the inexact tangent, heights without the penalty",
-        "sliding/test_vertices.py::test_tip_far_from_a_solution",
+        ("tests/sliding/test_vertices.py::test_tip_far_from_a_solution",),
     ),
     Fault(
         "what tractions lean by",

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.base.reasons import NOT_FINITE
+from qsdolfinx.base.rounding import ROUNDING
 from qsdolfinx.contact import overclosed
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.no_value import NoMultiplierError, NoValueError
@@ -18,6 +19,7 @@ from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.newton import Newton
 from qsdolfinx.solve.newton_step import LATE, NoConvergence
 from qsdolfinx.solve.one_newton import OneNewton
+from qsdolfinx.solve.snap_through import Missed
 from qsdolfinx.solve.snes import NOT_BALANCED
 from qsdolfinx.solve.tool_balance import ToolBalance
 from qsdolfinx.system.equations import Equations
@@ -50,7 +52,10 @@ class AtOnce:
 
     def __init__(self, newton: Newton) -> None:
         self._newton, self._system = newton, newton.system
-        self._start: list[Array] | None = None
+        #: Unknowns of the bodies at the start of the step, ghosts included.
+        self.start: list[Array] | None = None
+        #: What the first iterate lacks to the solution, in the solve of the step with the most.
+        self.missed = Missed.nothing()
         #: Whether the solve starts without known multipliers.
         self._is_cold = True
         #: Whether the last solve was for the same step.
@@ -76,8 +81,8 @@ class AtOnce:
 
     def begin_step(self) -> None:
         """Store the unknowns: solves of the step that fail are restarted from them."""
-        self._start = [body.u.x.array.copy() for body in self._system.bodies]
-        self._again = False
+        self.start = [body.u.x.array.copy() for body in self._system.bodies]
+        self._again, self.missed = False, Missed.nothing()
 
     def solve(self, stiffness: float | None = None) -> bool:
         """Solve from the system's unknowns; returns whether a solution was found. Collective.
@@ -94,6 +99,7 @@ class AtOnce:
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
+            self._note_missed(equations, z, loop.first)
             equations.end_at(z)
             for _ in range(MOST_OTHERS):
                 chosen = [gap.state.vertices for gap in system.gaps]
@@ -132,6 +138,23 @@ class AtOnce:
             system.forget_tangent()
             equations.destroy()
         return True
+
+    def _note_missed(self, equations: Equations, z: Array, first: Array | None) -> None:
+        """Compare the solution z with the first iterate, for the check of the step. Collective."""
+        if self.start is None or first is None:
+            return
+        x, pairs = equations.bodies_of(z), zip(self._system.bodies, self.start, strict=True)
+        moved = self._system.norm(
+            x - np.concatenate([array[: body.num_owned] for body, array in pairs])
+        )
+        if moved <= ROUNDING * self._system.norm(x):
+            return
+        change = z - first
+        bodies = equations.bodies_of(change)
+        part = self._system.norm(bodies) / moved
+        if part > self.missed.part:
+            tools = zip(equations.tools, equations.displacements(change), strict=True)
+            self.missed = Missed(part, bodies, {tool: float(s) for tool, s in tools})
 
     def _set_vertices(self, vertices: typing.Sequence[Array | None]) -> None:
         """Set which vertices of each integration side have their own points."""
@@ -190,18 +213,18 @@ class AtOnce:
 
     def _has_moved(self) -> bool:
         """Whether unknowns at the start of step and solve differ. Collective."""
-        if self._start is None:
+        if self.start is None:
             return False
         moved = any(
             not np.array_equal(body.u.x.array, array)
-            for body, array in zip(self._system.bodies, self._start, strict=True)
+            for body, array in zip(self._system.bodies, self.start, strict=True)
         )
         return bool(self._system.comm.allreduce(moved, op=MPI.LOR))
 
     def _begin_again(self, equations: Equations, z: Array) -> Array:
         """Unknowns with the same multipliers, and the bodies' unknowns at the start of the step."""
-        assert self._start is not None
-        x = equations.unknowns_of(self._start)
+        assert self.start is not None
+        x = equations.unknowns_of(self.start)
         none = np.zeros(len(equations.tools))
         return equations.join(x, equations.multipliers(z), none)
 

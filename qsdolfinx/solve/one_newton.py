@@ -70,6 +70,8 @@ class OneNewton:
     ) -> None:
         self.equations, self._newton, self._again = equations, newton, again
         self.max_it = newton.snes.getTolerances()[3]
+        #: Unknowns at the first iterate that satisfies all Dirichlet conditions.
+        self.first: Array | None = None
         self._step, self._balance = (
             NewtonStep(equations, newton),
             Balance(equations, newton, stiffness),
@@ -91,7 +93,7 @@ class OneNewton:
         """
         self._balance.begin()
         self._mixing = Mixing(self.equations.system.comm)
-        progress = Progress(self.equations.system)
+        progress, self.first = Progress(self.equations.system), None
         z, step = z.copy(), 1.0
         if begins and self._is_solution(z):
             return z
@@ -135,6 +137,8 @@ class OneNewton:
                 watchdog.hold(*before)
             watchdog.note(step)
             change = None
+            if self.first is None and self.equations.meets_conditions(z):
+                self.first = z.copy()
         raise NoConvergence(progress.late(), self._reason(LATE))
 
     def _reason(self, usual: int) -> int:

@@ -46,6 +46,7 @@ from qsdolfinx.solve.diagnostics import OF_A_SOLVE, OF_AN_ATTEMPT, diagnose
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
+from qsdolfinx.solve.snap_through import SnapThrough, check_snap_through
 from qsdolfinx.solve.snes import (
     LOST,
     OF_USER,
@@ -241,6 +242,7 @@ class ContactProblem:
         )
         self.newton = Newton(self.system, snes, linear, defaults)
         self._at_once = AtOnce(self.newton)
+        self._snap_through = SnapThrough(self.system)
         self.active_history: list[list[int]] = []
         self._equations: Equations | None = None
         self._is_at_once = False
@@ -430,8 +432,17 @@ class ContactProblem:
             self._steps_within -= 1
             self._watches_reach, self._is_checked = before
         if self._steps_within == 0:
+            self._snap_through.accept()
             for contact in self.system.contacts:
                 end_step(contact)
+
+    def check_step(self) -> None:
+        """Warn if the present step has jumped to a distant equilibrium. Collective.
+
+        A single :meth:`solve` and a time stepper do this themselves. Call it inside the block of
+        :meth:`one_step`, after its last solve.
+        """
+        check_snap_through(self._snap_through, self._at_once.start, self._at_once.missed)
 
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective.
@@ -505,7 +516,8 @@ class ContactProblem:
             ReachWarning: If points have passed through the other surface, further away than contact
                 detection had searched.
             ContactWarning: If Dirichlet conditions on both sides press contact nodes into each
-                other; or if an edge has penetrated between nodes, with hardly any contact force.
+                other; if an edge has penetrated between nodes, with hardly any contact force; or if
+                the solve has jumped to a distant equilibrium.
         """
         with (
             interrupt.heeded(self.comm),
@@ -571,6 +583,8 @@ class ContactProblem:
             if self._watches_reach:
                 diagnose(self.newton, contact, OF_AN_ATTEMPT if self._is_checked else OF_A_SOLVE)
             check_held(contact, *unknowns)
+        if self._steps_within == 1:
+            self.check_step()
         if self._watches_reach:
             check_unsupported(self.system, start)
 

@@ -616,6 +616,7 @@ class TimeStepper:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             diagnose(self.problem.newton, contact.model, OF_A_STEP)
+        self.problem.check_step()
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

@@ -215,6 +215,14 @@ class Body:
         r[owned] = self.condition_stiffness * (x[owned] - self._g.array[owned])
         return r
 
+    def forces_at(self, x: Array) -> Array:
+        """F at the owned unknowns x, in all owned rows; u is as before. Collective."""
+        before = self.u.x.array.copy()
+        self.set_unknowns(x)
+        found = self._assemble_vector()
+        self.u.x.array[:] = before
+        return found
+
     @property
     def reference(self) -> Array:
         """Magnitude of the unknowns x₀ at which a linear form is expanded."""

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from qsdolfinx.base.checks import require
 from qsdolfinx.base.collective import checked
 from qsdolfinx.base.messages import ContactWarning, warn
+from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.condensed_rows import PointConstraints
 from qsdolfinx.system.constraint_rows import ConstraintRows, Evaluated, Multipliers
@@ -176,6 +177,15 @@ class Equations:
             values = array[: body.num_owned]
             parts.append(body.with_conditions(values) if body.linear else values)
         return np.concatenate(parts)
+
+    def meets_conditions(self, z: Array) -> bool:
+        """Whether all Dirichlet conditions are satisfied at z. Collective."""
+        met = True
+        for i, body in enumerate(self.system.bodies):
+            x = self.part(z, i)
+            off = np.abs(body.with_conditions(x) - x).max(initial=0.0)
+            met &= bool(off <= SOLVED * np.abs(x).max(initial=0.0))
+        return bool(self.system.comm.allreduce(met, op=MPI.LAND))
 
     def accept(self, z: Array) -> None:
         """Accept a solution z for bodies, contacts and tools, as the end of a step. Collective.
