@@ -19,7 +19,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import FLAG, check, either, instance, one_of, require
 from qsdolfinx.base.collective import checked, is_of_all
-from qsdolfinx.base.messages import renamed, say
+from qsdolfinx.base.messages import ContactWarning, renamed, say, warn
 from qsdolfinx.base.timing import Span
 from qsdolfinx.contact import motion, multipliers
 from qsdolfinx.contact.chosen_sliding import check_fields, let_follow
@@ -436,13 +436,17 @@ class ContactProblem:
             for contact in self.system.contacts:
                 end_step(contact)
 
-    def check_step(self) -> None:
+    def check_step(self) -> str | None:
         """Warn if the present step has jumped to a distant equilibrium. Collective.
 
         A single :meth:`solve` and a time stepper do this themselves. Call it inside the block of
         :meth:`one_step`, after its last solve.
+
+        Returns:
+            Why no motion leads to this equilibrium, so that the step should be made again with a
+            smaller Δt; None if nothing shows that. It is not in a warning.
         """
-        check_snap_through(self._snap_through, self._at_once.start, self._at_once.missed)
+        return check_snap_through(self._snap_through, self._at_once.start, self._at_once.missed)
 
     def set_up(self) -> None:
         """Compute automatic penalties and build the matrices, as solve() does. Collective.
@@ -583,8 +587,8 @@ class ContactProblem:
             if self._watches_reach:
                 diagnose(self.newton, contact, OF_AN_ATTEMPT if self._is_checked else OF_A_SOLVE)
             check_held(contact, *unknowns)
-        if self._steps_within == 1:
-            self.check_step()
+        if self._steps_within == 1 and (wrong := self.check_step()) is not None:
+            warn(wrong, ContactWarning)
         if self._watches_reach:
             check_unsupported(self.system, start)
 

@@ -151,12 +151,18 @@ class Work(typing.NamedTuple):
         is_concave = self.short > CORRECTED * self.ended > 0
         return 0.5 * (self.begun + self.ended) if is_concave else min(self.begun, self.ended)
 
+    @property
+    def most(self) -> float:
+        """Upper bound."""
+        return max(self.begun, self.ended)
+
 
 class Released(typing.NamedTuple):
-    """Energy that a step has released.
+    """Energy that a step has released, or gained.
 
     Attributes:
         least: Lower bound of the released energy.
+        gained: Lower bound of the energy that nothing has supplied.
         work: Work of loads, Dirichlet conditions and tools in the step: sum of the magnitudes of
             all its parts.
         stored: Energy stored in the bodies, of the size of that of linear ones.
@@ -164,15 +170,33 @@ class Released(typing.NamedTuple):
     """
 
     least: float
+    gained: float
     work: float
     stored: float
     error: float
 
     @property
     def is_notable(self) -> bool:
-        """Whether the energy is a notable part of the work and of the stored energy."""
+        """Whether the released energy is a notable part of the work and of the stored energy."""
         part = OF_STORED if self.least <= self.work else OF_STORED_BEYOND
         return bool(self.least > max(OF_WORK * self.work, part * self.stored, self.error))
+
+    @property
+    def is_from_nowhere(self) -> bool:
+        """Whether the gained energy is more than the work, and a notable part of the stored one."""
+        return bool(self.gained > max(self.work, OF_STORED * self.stored, self.error))
+
+
+class Jump(typing.NamedTuple):
+    """Jump to a distant equilibrium.
+
+    Attributes:
+        text: Warning about it.
+        is_wrong: Whether no motion leads to this equilibrium, since it has gained energy.
+    """
+
+    text: str
+    is_wrong: bool
 
 
 class SnapThrough:
@@ -197,7 +221,9 @@ class SnapThrough:
     so that at least W_min − ΔE − ΔΦ − Q has become kinetic energy, or heat, in a motion that is not
     quasi-static. At a limit point this is the area between the constant load and the curve of the
     equilibria: large, however small the step. In steps on a stable path, the bound is negative,
-    since forces and motions grow together.
+    since forces and motions grow together. Likewise, with W_max of the larger works, at least ΔE +
+    ΔΦ + Q − W_max has been gained from nothing: Newton's method has found an equilibrium of another
+    branch, which no motion leads to.
 
     This is evaluated only if the first Newton iterate that satisfies all conditions, which is the
     linear prediction from the start of the step, has missed the end of the step by
@@ -231,8 +257,8 @@ class SnapThrough:
         """Store the present equilibrium as the start of the next step. Collective."""
         self._last = Equilibrium.of(self._system) if self.applies else None
 
-    def find(self, start: typing.Sequence[Array], missed: Missed) -> str | None:
-        """Warning about a jump since the last equilibrium, or None. Collective.
+    def find(self, start: typing.Sequence[Array], missed: Missed) -> Jump | None:
+        """A jump since the last equilibrium, or None. Collective.
 
         Unknowns, multipliers and contacts are as before.
 
@@ -241,10 +267,20 @@ class SnapThrough:
             missed: What Newton's first iterate lacked.
         """
         released = self.released(start, missed) if missed.part > CORRECTED else None
-        if released is None or not released.is_notable:
+        if released is None:
+            return None
+        if released.is_from_nowhere:
+            text = (
+                "snap-through: this equilibrium stores more energy than the last one, by "
+                f"{released.gained:.2g} more than loads, conditions and tools can have supplied "
+                f"(at most {released.work:.2g}): no motion leads there, and forces may be those of "
+                "another branch; go back, and take smaller steps"
+            )
+            return Jump(text, True)
+        if not released.is_notable:
             return None
         part = released.least / released.work if released.work > 0 else np.inf
-        return (
+        text = (
             "snap-through: this equilibrium is far from the last one, and the states in between "
             f"are unstable. At least {released.least:.2g} of energy was released, {part:.2g} times "
             "the work in the step; a quasi-static step cannot follow this motion, and other "
@@ -252,6 +288,7 @@ class SnapThrough:
             "displacements instead of forces; for the motion itself, add inertia or viscous "
             "damping to F. Smaller steps show where the jump begins, but do not avoid it"
         )
+        return Jump(text, False)
 
     def released(self, start: typing.Sequence[Array], missed: Missed) -> Released | None:
         """Energy released since the last equilibrium; None if it is not known. Collective.
@@ -278,10 +315,11 @@ class SnapThrough:
                 return None
             works += _works(last.tools[tool], end, tool, missed.tools.get(tool, 0.0))
         least = sum(each.least for each in works) - taken
+        gained = taken - sum(each.most for each in works)
         work = sum(max(abs(each.begun), abs(each.ended)) for each in works)
         error = float(np.sum(np.abs(sums[:, 1])))
         stored = 0.5 * float(np.sum(np.max(np.abs(sums[:, 6:8]), axis=1)))
-        return Released(least, work, stored, error)
+        return Released(least, gained, work, stored, error)
 
     def _is_at(self, unknowns: typing.Sequence[Array], start: typing.Sequence[Array]) -> bool:
         """Whether a step has started from these unknowns. Collective."""
@@ -341,14 +379,18 @@ def _works(last: OfTool, now: OfTool, tool: RigidSurface, short: float) -> list[
 
 def check_snap_through(
     check: SnapThrough, start: typing.Sequence[Array] | None, missed: Missed
-) -> None:
+) -> str | None:
     """Warn, on all ranks, if a step has jumped to a distant equilibrium. Collective.
 
     Args:
         check: The check of the problem.
         start: Unknowns of the bodies at the start of the step; None if they are not known.
         missed: As for :meth:`SnapThrough.find`.
+
+    Returns:
+        Why no motion leads to this equilibrium, without a warning; None if one may.
     """
-    text = None if start is None else check.find(start, missed)
-    if text is not None:
-        warn(text, ContactWarning)
+    found = None if start is None else check.find(start, missed)
+    if found is not None and not found.is_wrong:
+        warn(found.text, ContactWarning)
+    return None if found is None or not found.is_wrong else found.text

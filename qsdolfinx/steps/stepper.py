@@ -616,7 +616,9 @@ class TimeStepper:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             diagnose(self.problem.newton, contact.model, OF_A_STEP)
-        self.problem.check_step()
+        wrong = self.problem.check_step()
+        if wrong is not None:
+            raise _Fault(wrong)
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):

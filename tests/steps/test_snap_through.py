@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import qsdolfinx as qs
-from qsdolfinx.solve.snap_through import Missed, SnapThrough
+from qsdolfinx.solve.snap_through import Jump, Missed, SnapThrough
 
 SNAPS = "snap-through: "
 
@@ -213,3 +213,57 @@ def test_motion_in_time(term):
     assert stepper.num_cutbacks == 0
     assert ways[-1] == pytest.approx(equilibrium(0.7, 1.9), rel=0.1)
     assert max(np.diff(ways)) < 0.3
+
+
+def test_energy_from_nowhere(monkeypatch):
+    """The energy that an equilibrium has gained: at this force there are two.
+
+    That with the larger compression has more energy, and a poor first guess leads there.
+    """
+    case, found = Bistable(), []
+    original = SnapThrough.released
+
+    def released(check, start, missed):
+        found.append(original(check, start, missed))
+        return found[-1]
+
+    monkeypatch.setattr(SnapThrough, "released", released)
+
+    def drive(t, dt):
+        case.tool.drive(0.45 * min(t, 1.0), [0.0, -1.0])
+        if t > 1.1:
+            case.body.u.x.array[1::2] -= 1.1
+
+    ways = [1.0 - float(case.tool.center[1]) for _ in case.stepper(drive, 0.2).run(1.2)]
+    low, high = ways[-2:]
+    assert [high, low] == pytest.approx([equilibrium(0.45, x) for x in (1.7, 0.3)], rel=0.01)
+    gained = energy(high) - energy(low) - 0.45 * (high - low)
+    assert found[-1].gained == pytest.approx(gained, rel=0.01) and gained > 0
+    assert not found[-1].is_from_nowhere  # the force has done more work
+    work, stored = found[-1].work, found[-1].stored
+    assert found[-1]._replace(gained=1.01 * max(work, 0.06 * stored)).is_from_nowhere
+    assert not found[-1]._replace(work=0.0, gained=0.05 * stored).is_from_nowhere
+
+
+@pytest.mark.parallel
+def test_step_with_energy_from_nowhere(monkeypatch):
+    """Such a step is cut back, with the reason in the log; a single solve warns."""
+    case = Bistable()
+    steps = []
+
+    def find(check, start, missed):
+        wrong = bool(steps) and steps[-1] > 0.1
+        return Jump(SNAPS + "stores more energy", True) if wrong else None
+
+    monkeypatch.setattr(SnapThrough, "find", find)
+
+    def drive(t, dt):
+        steps.append(dt)
+        case.tool.drive(0.3 * t, [0.0, -1.0])
+
+    stepper = case.stepper(drive, 0.2)
+    assert jumps_of(stepper.step) == []
+    assert (stepper.num_cutbacks, stepper.t) == (1, 0.1)
+    assert "stores more energy" in stepper.log[0].reason
+    steps.append(1.0)
+    assert len(jumps_of(stepper.problem.solve)) == 1
