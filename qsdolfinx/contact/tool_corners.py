@@ -100,7 +100,8 @@ def find_deep_corners_of_master(model: ContactModel) -> str | None:
     With finite sliding, corners of a body, blunt corners of a tool, and its corners beside a face
     that lies on the body, have no constraints of their own. The gaps of the facet they face are
     closed in the mean. If contact is narrower than the facet, open gaps beside the corner
-    compensate its depth, and its force is too small. Collective.
+    compensate its depth, and its force is too small. Bodies of degree 2 are not checked.
+    Collective.
 
     Args:
         model: The contact, solved.
@@ -109,6 +110,8 @@ def find_deep_corners_of_master(model: ContactModel) -> str | None:
     if master.is_analytic or not model.follows or slave.gdim != 2 or slave.axisymmetric:
         return None
     if model.with_itself or model.compliance <= 0:
+        return None
+    if any(body.degree > 1 for body in master.bodies):  # their deformed facets have other nodes
         return None
     which = corner_nodes(master.as_facets(), CORNER)
     if not model.comm.allreduce(bool(which.any()), op=MPI.LOR):

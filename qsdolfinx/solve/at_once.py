@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.base.reasons import NOT_FINITE
-from qsdolfinx.base.rounding import ROUNDING
+from qsdolfinx.base.rounding import ROUNDING, SOLVED
 from qsdolfinx.contact import overclosed
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.gap.no_value import NoMultiplierError, NoValueError
@@ -147,7 +147,7 @@ class AtOnce:
         moved = self._system.norm(
             x - np.concatenate([array[: body.num_owned] for body, array in pairs])
         )
-        if moved <= ROUNDING * self._system.norm(x):
+        if moved <= ROUNDING * self._system.norm(x) or self._is_nothing(moved):
             return
         change = z - first
         bodies = equations.bodies_of(change)
@@ -155,6 +155,12 @@ class AtOnce:
         if part > self.missed.part:
             tools = zip(equations.tools, equations.displacements(change), strict=True)
             self.missed = Missed(part, bodies, {tool: float(s) for tool, s in tools})
+
+    def _is_nothing(self, moved: float) -> bool:
+        """Whether motions of this norm are what solvers leave, compared with facets."""
+        contacts = self._system.contacts
+        size = min((contact.paired.facet_size for contact in contacts), default=0.0)
+        return bool(moved <= SOLVED * size)
 
     def _set_vertices(self, vertices: typing.Sequence[Array | None]) -> None:
         """Set which vertices of each integration side have their own points."""

@@ -165,6 +165,7 @@ class Released(typing.NamedTuple):
         gained: Lower bound of the energy that nothing has supplied.
         work: Work of loads, Dirichlet conditions and tools in the step: sum of the magnitudes of
             all its parts.
+        supplied: Upper bound of the positive parts of this work.
         stored: Energy stored in the bodies, of the size of that of linear ones.
         error: Estimated error of the energy stored in the step.
     """
@@ -172,6 +173,7 @@ class Released(typing.NamedTuple):
     least: float
     gained: float
     work: float
+    supplied: float
     stored: float
     error: float
 
@@ -183,8 +185,8 @@ class Released(typing.NamedTuple):
 
     @property
     def is_from_nowhere(self) -> bool:
-        """Whether the gained energy is more than the work, and a notable part of the stored one."""
-        return bool(self.gained > max(self.work, OF_STORED * self.stored, self.error))
+        """Whether more energy is gained than was supplied, and a notable part of the stored one."""
+        return bool(self.gained > max(self.supplied, OF_STORED * self.stored, self.error))
 
 
 class Jump(typing.NamedTuple):
@@ -219,11 +221,12 @@ class SnapThrough:
         W_min = min(f_0·D, f_1·D) + min(q_0·D, q_1·D) + min(P_0·Δx, P_1·Δx),
 
     so that at least W_min − ΔE − ΔΦ − Q has become kinetic energy, or heat, in a motion that is not
-    quasi-static. At a limit point this is the area between the constant load and the curve of the
-    equilibria: large, however small the step. In steps on a stable path, the bound is negative,
-    since forces and motions grow together. Likewise, with W_max of the larger works, at least ΔE +
-    ΔΦ + Q − W_max has been gained from nothing: Newton's method has found an equilibrium of another
-    branch, which no motion leads to.
+    quasi-static. Q counts twice in this bound: where contact moves over several facets in a step, a
+    part of the energy that friction dissipates is not known. At a limit point the bound is the area
+    between the constant load and the curve of the equilibria: large, however small the step. In
+    steps on a stable path it is negative, since forces and motions grow together. Likewise, with
+    W_max of the larger works, at least ΔE + ΔΦ + Q − W_max has been gained from nothing: Newton's
+    method has found an equilibrium of another branch, which no motion leads to.
 
     This is evaluated only if the first Newton iterate that satisfies all conditions, which is the
     linear prediction from the start of the step, has missed the end of the step by
@@ -273,7 +276,7 @@ class SnapThrough:
             text = (
                 "snap-through: this equilibrium stores more energy than the last one, by "
                 f"{released.gained:.2g} more than loads, conditions and tools can have supplied "
-                f"(at most {released.work:.2g}): no motion leads there, and forces may be those of "
+                f"(at most {released.supplied:.2g}): no motion leads there, and forces may be those of "
                 "another branch; go back, and take smaller steps"
             )
             return Jump(text, True)
@@ -314,12 +317,13 @@ class SnapThrough:
             if tool not in last.tools:
                 return None
             works += _works(last.tools[tool], end, tool, missed.tools.get(tool, 0.0))
-        least = sum(each.least for each in works) - taken
+        least = sum(each.least for each in works) - taken - friction
         gained = taken - sum(each.most for each in works)
         work = sum(max(abs(each.begun), abs(each.ended)) for each in works)
+        supplied = sum(max(each.most, 0.0) for each in works)
         error = float(np.sum(np.abs(sums[:, 1])))
         stored = 0.5 * float(np.sum(np.max(np.abs(sums[:, 6:8]), axis=1)))
-        return Released(least, gained, work, stored, error)
+        return Released(least, gained, work, supplied, stored, error)
 
     def _is_at(self, unknowns: typing.Sequence[Array], start: typing.Sequence[Array]) -> bool:
         """Whether a step has started from these unknowns. Collective."""
