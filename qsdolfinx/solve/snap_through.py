@@ -276,8 +276,8 @@ class SnapThrough:
             text = (
                 "snap-through: this equilibrium stores more energy than the last one, by "
                 f"{released.gained:.2g} more than loads, conditions and tools can have supplied "
-                f"(at most {released.supplied:.2g}): no motion leads there, and forces may be those of "
-                "another branch; go back, and take smaller steps"
+                f"(at most {released.supplied:.2g}): no motion leads there, and forces may be "
+                "those of another branch; go back, and take smaller steps"
             )
             return Jump(text, True)
         if not released.is_notable:
