@@ -17,9 +17,9 @@ PATIENCE = 2
 #: it. With 1, runs return that would converge in the next iteration; with many, full steps that do
 #: not help take as many iterations.
 TRIAL = 8
-#: Merit over that at the start of the solve below which iterates are close to a solution. With 0.1,
-#: full steps are taken near the limit point in ``tests/steps/test_snapping.py``, at 0.03, and cost
-#: further cut-backs.
+#: Merit over that at the start of the solve below which iterates are close to a solution. With 1,
+#: full steps are also taken near limit points, where the derivative is almost singular, and lead
+#: anywhere.
 CLOSE = 0.01
 
 

@@ -7,11 +7,11 @@ from scenes import WORLD, box
 
 import qsdolfinx as qs
 from qsdolfinx.solve import watchdog as module
-from qsdolfinx.solve.watchdog import CLOSE, PATIENCE, TRIAL, Watchdog
+from qsdolfinx.solve.watchdog import PATIENCE, TRIAL, Watchdog
 
 SHORT_STEP = module.SHORT / 2
 #: Merit at the start, with 1 close to a solution.
-START = 2 / CLOSE
+START = 200.0
 
 
 def crawl(watchdog, count):
@@ -20,7 +20,7 @@ def crawl(watchdog, count):
         assert not watchdog.wants_full_step(1.0) and watchdog.back(1.0) is None
         watchdog.note(SHORT_STEP)
     assert watchdog.wants_full_step(1.0)
-    assert not watchdog.wants_full_step(2 * CLOSE * START)
+    assert not watchdog.wants_full_step(4.0)
 
 
 def test_full_steps_and_returns():
