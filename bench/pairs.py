@@ -22,13 +22,10 @@ import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
-from mpi4py import MPI
 
 import numpy as np
 from machine import circumstances, write
-
-import ufl
-from dolfinx import fem, mesh
+from sliding import block
 
 import qsdolfinx as qs
 from qsdolfinx import _cpp
@@ -77,22 +74,6 @@ class Clock:
         if self._open:
             self.spent[self._open[-1]] += now - self._since
         self._since = now
-
-
-def block(corners, counts, cell, E, fixed, touching):
-    """Return unknown, form, condition on the face z = fixed and its value, contact surface."""
-    msh = mesh.create_box(MPI.COMM_WORLD, corners, counts, mesh.CellType[cell])
-    V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
-    u, lame = fem.Function(V), (E / 2.6, E * 0.3 / (1.3 * 0.4))
-    stress = qs.materials.neo_hookean(u, *lame)
-    F = ufl.inner(stress, ufl.grad(ufl.TestFunction(V))) * ufl.dx(degree=2)
-
-    def at(z):
-        return mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[2], z))
-
-    moved = fem.Constant(msh, np.zeros(3))
-    bc = fem.dirichletbc(moved, fem.locate_dofs_topological(V, 2, at(fixed)), V)
-    return F, u, bc, moved, qs.Surface(V, facets=at(touching))
 
 
 def scene(p, mu):

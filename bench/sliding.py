@@ -35,9 +35,9 @@ COLUMNS = (
 )
 
 
-def cube(corners, n, E, fixed, touching):
+def block(corners, counts, cell, E, fixed, touching):
     """Return unknown, form, condition on the face z = fixed and its value, contact surface."""
-    msh = mesh.create_box(MPI.COMM_WORLD, corners, [n, n, n], mesh.CellType.hexahedron)
+    msh = mesh.create_box(MPI.COMM_WORLD, corners, counts, mesh.CellType[cell])
     V = fem.functionspace(msh, ("Lagrange", 1, (3,)))
     u, lame = fem.Function(V), (E / 2.6, E * 0.3 / (1.3 * 0.4))
     stress = qs.materials.neo_hookean(u, *lame)
@@ -54,8 +54,8 @@ def cube(corners, n, E, fixed, touching):
 def solve(p, sliding, enforcement):
     """Return one solve as a row."""
     size = 0.8 / p.cells
-    lower = cube([(0, 0, 0), (1.2, 1.2, 1)], round(1.25 * p.cells), 1e3, 0, 1)
-    upper = cube([(0.1, 0.1, 1), (0.9, 0.9, 1.8)], p.cells, 5e2, 1.8, 1)
+    lower = block([(0, 0, 0), (1.2, 1.2, 1)], 3 * [round(1.25 * p.cells)], "hexahedron", 1e3, 0, 1)
+    upper = block([(0.1, 0.1, 1), (0.9, 0.9, 1.8)], 3 * [p.cells], "hexahedron", 5e2, 1.8, 1)
     contact = qs.Contact(upper[4], lower[4], sliding=sliding, enforcement=enforcement)
     bodies = lower, upper
     problem = qs.ContactProblem(

@@ -298,3 +298,38 @@ def but_for(body, facets):
     """Return all of a body's boundary facets except some."""
     everything = mesh.exterior_facet_indices(body.mesh.topology)
     return body.surface(np.setdiff1d(everything, facets))
+
+
+class Dragged:
+    """A tool with a flat bottom and inclined walls, pressed into a body and dragged in whole steps.
+
+    Args:
+        cells: Cells of the body.
+        steep: Slope of the walls.
+        along: Way of each step, after the first one, which presses the tool down.
+        friction: As for ``qs.Contact``.
+        down: Depth at the end of the first step.
+    """
+
+    def __init__(self, cells, steep, along, friction=None, down=0.02):
+        body = Body(box(WORLD, cells, "quadrilateral", [0.0, 0.0], [1.5, 0.4], "scattered"))
+        body.clamp(body.boundary(lambda x: np.isclose(x[1], 0.0)))
+        out = 0.15 / steep
+        x = np.array([[0.35, 0.0], [0.65, 0.0], [0.65 + out, 0.15], [0.35 - out, 0.15]])
+        sides = [[0, 1], [1, 2], [2, 3], [3, 0]]
+        tool = qs.RigidSurface.triangulated(WORLD, x + np.array([0.0, 0.401]), sides)
+        self.contact = qs.Contact(body.side(1, 0.4), tool, sliding="finite", friction=friction)
+
+        def drive(t, dt):
+            way = np.array([[max(s - 1, 0) * along, -min(s, 1) * down] for s in (t - dt, t)])
+            tool.displacement = way[1] - way[0]
+
+        problem = problem_of([body], [self.contact])
+        self.stepper = qs.TimeStepper(problem, 1.0, drive, dt_max=1.0)
+
+    def most_iterations(self, end):
+        """Run without a cut-back; returns the most iterations of a step."""
+        for _ in self.stepper.run(end):
+            pass
+        assert self.stepper.num_cutbacks == 0
+        return max(attempt.iterations for attempt in self.stepper.log)

@@ -110,15 +110,17 @@ class OneNewton:
         for iteration in range(self.max_it + 1):
             if self._is_found(at, step):
                 return z
-            progress.add(at, self._merit(at), step, self._balance.num_closed(at))
+            merit = self._merit(at)
+            progress.add(at, merit, step, self._balance.num_closed(at))
             fault = None if self._balance.is_at_rounding else progress.fault()
             if fault is not None:
                 raise NoConvergence(fault, self._reason(NO_PROGRESS))
             if iteration == self.max_it:
                 break
-            back = watchdog.back(self._merit(at))
+            back = watchdog.back(merit)
             if back is not None:
                 z, at, change = back, self.equations.evaluate(back), None
+                merit = self._merit(at)
             is_first = iteration == 0
             if begins and iteration == 1:
                 sticking = self._sticking(at)
@@ -129,12 +131,12 @@ class OneNewton:
                 softly = False
                 z, at, change = self._begun_softly(z, at, change, begun)
             mixed = self._mixed(z, at, change) if iteration > 1 and self._has_secants else None
-            full, before = None, (z, self._merit(at))
-            if mixed is None and watchdog.wants_full_step(before[1]):
+            full = None
+            if mixed is None and watchdog.wants_full_step(merit):
                 full = self._full_step(z, at, change)
-            z, at, step = mixed or full or self._search(z, at, change, is_first)
             if full is not None:
-                watchdog.hold(*before)
+                watchdog.hold(z, merit)
+            z, at, step = mixed or full or self._search(z, at, change, is_first)
             watchdog.note(step)
             change = None
             if self.first is None and self.equations.meets_conditions(z):

@@ -22,21 +22,22 @@ from qsdolfinx.tools.rigid_surface import RigidSurface
 Array = npt.NDArray[np.float64]
 
 #: Change of the bodies' displacements from the first Newton iterate to the solution, over their
-#: change in the step, below which nothing is evaluated. Newton's first step then predicts the
-#: motion, which it does not across unstable states: these steps have about 0.9.
+#: change in the step, below which nothing is evaluated: Newton's first step then predicts the
+#: motion. Across unstable states it misses almost all of it.
 CORRECTED = 0.5
 
-#: Released energy above which a step warns, over the work in the step. It is negative in steps on
-#: stable paths, and some 0.04 where the load grows by half in the step that jumps.
+#: Released energy above which a step warns, over the work in the step. The bound is negative on
+#: stable paths, and small if the load grows by half in the step that jumps.
 OF_WORK = 0.02
 
-#: Released energy above which a step warns, over the stored energy. Where bodies slide over several
-#: facets in a step, forces change to and fro in it, and up to 0.025 seems to be released; an arch
-#: releases 0.17.
+#: Released energy above which a step warns, over the stored energy, and energy that nothing has
+#: supplied. Where bodies slide over several facets in a step, forces change to and fro in it, and a
+#: part of the work seems to be released.
 OF_STORED = 0.06
 
-#: The same where more is released than the whole work in the step, which changes of forces to and
-#: fro do not explain. Rigid turns by a right angle in a step seem to release 0.0008.
+#: Released energy over the stored energy, above which a step warns where more is released than the
+#: whole work in the step, which changes of forces to and fro do not explain. In large rigid turns
+#: without work a thousandth may seem to be released.
 OF_STORED_BEYOND = 0.003
 
 #: Weights of the rule of Boole at 0, 1/4, ..., 1, and those of Simpson for its error.

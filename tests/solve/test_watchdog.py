@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from following import Body, problem_of
-from scenes import WORLD, box
+from following import Dragged
 
-import qsdolfinx as qs
 from qsdolfinx.solve import watchdog as module
 from qsdolfinx.solve.watchdog import PATIENCE, TRIAL, Watchdog
 
@@ -52,21 +50,6 @@ def test_sharp_punch_that_is_dragged(steep):
     In each step the merit has a kink close to the solution, where a point becomes inactive. The
     line search alone took 34 to 48 iterations a step, most of them with a 32nd of the Newton step.
     """
-    body = Body(box(WORLD, (50, 10), "quadrilateral", [0.0, 0.0], [1.5, 0.4], "scattered"))
-    body.clamp(body.boundary(lambda x: np.isclose(x[1], 0.0)))
-    out = 0.15 / steep
-    x = np.array([[0.35, 0.0], [0.65, 0.0], [0.65 + out, 0.15], [0.35 - out, 0.15]])
-    sides = [[0, 1], [1, 2], [2, 3], [3, 0]]
-    tool = qs.RigidSurface.triangulated(WORLD, x + np.array([0.0, 0.401]), sides)
-    contact = qs.Contact(body.side(1, 0.4), tool, sliding="finite")
-
-    def drive(t, dt):
-        way = np.array([[max(s - 1, 0) * 0.03, -min(s, 1) * 0.02] for s in (t - dt, t)])
-        tool.displacement = way[1] - way[0]
-
-    stepper = qs.TimeStepper(problem_of([body], [contact]), 1.0, drive, dt_max=1.0)
-    for _ in stepper.run(5.0):
-        pass
-    assert stepper.num_cutbacks == 0
-    assert max(attempt.iterations for attempt in stepper.log) <= 28
-    assert contact.force("slave")[1] < -2.5
+    scene = Dragged((50, 10), steep, 0.03)
+    assert scene.most_iterations(5.0) <= 28
+    assert scene.contact.force("slave")[1] < -2.5
