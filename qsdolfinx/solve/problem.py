@@ -46,7 +46,7 @@ from qsdolfinx.solve.diagnostics import OF_A_SOLVE, OF_AN_ATTEMPT, diagnose
 from qsdolfinx.solve.first_guess import guess
 from qsdolfinx.solve.lost import is_a_body_lost
 from qsdolfinx.solve.newton import Newton
-from qsdolfinx.solve.snap_through import SnapThrough, check_snap_through
+from qsdolfinx.solve.snap_through import Jump, SnapThrough, check_snap_through
 from qsdolfinx.solve.snes import (
     LOST,
     OF_USER,
@@ -436,15 +436,16 @@ class ContactProblem:
             for contact in self.system.contacts:
                 end_step(contact)
 
-    def check_step(self) -> str | None:
+    def check_step(self) -> Jump | None:
         """Warn if the present step has jumped to a distant equilibrium. Collective.
 
         A single :meth:`solve` and a time stepper do this themselves. Call it inside the block of
         :meth:`one_step`, after its last solve.
 
         Returns:
-            Why no motion leads to this equilibrium, so that the step should be made again with a
-            smaller Δt; None if nothing shows that. It is not in a warning.
+            The jump, or None. If ``is_wrong``, no motion leads to this equilibrium, and there is no
+            warning: the step should be made again with a smaller Δt. Otherwise the next step should
+            begin at rest: the motion of a jump does not continue.
         """
         return check_snap_through(self._snap_through, self._at_once.start, self._at_once.missed)
 
@@ -587,8 +588,8 @@ class ContactProblem:
             if self._watches_reach:
                 diagnose(self.newton, contact, OF_AN_ATTEMPT if self._is_checked else OF_A_SOLVE)
             check_held(contact, *unknowns)
-        if self._steps_within == 1 and (wrong := self.check_step()) is not None:
-            warn(wrong, ContactWarning)
+        if self._steps_within == 1 and (jump := self.check_step()) is not None and jump.is_wrong:
+            warn(jump.text, ContactWarning)
         if self._watches_reach:
             check_unsupported(self.system, start)
 

@@ -290,7 +290,8 @@ class SnapThrough:
             "the work in the step; a quasi-static step cannot follow this motion, and other "
             "equilibria may exist. To follow the unstable path, drive tools or bodies by "
             "displacements instead of forces; for the motion itself, add inertia or viscous "
-            "damping to F. Smaller steps show where the jump begins, but do not avoid it"
+            "damping to F. Smaller steps show where the jump begins, but do not avoid it. Sharp "
+            "corners that slide jump like this from node to node: round them"
         )
         return Jump(text, False)
 
@@ -384,8 +385,8 @@ def _works(last: OfTool, now: OfTool, tool: RigidSurface, short: float) -> list[
 
 def check_snap_through(
     check: SnapThrough, start: typing.Sequence[Array] | None, missed: Missed
-) -> str | None:
-    """Warn, on all ranks, if a step has jumped to a distant equilibrium. Collective.
+) -> Jump | None:
+    """Find a jump to a distant equilibrium, and warn on all ranks if it is possible. Collective.
 
     Args:
         check: The check of the problem.
@@ -393,9 +394,9 @@ def check_snap_through(
         missed: As for :meth:`SnapThrough.find`.
 
     Returns:
-        Why no motion leads to this equilibrium, without a warning; None if one may.
+        The jump, or None. There is no warning about it if no motion leads there.
     """
     found = None if start is None else check.find(start, missed)
     if found is not None and not found.is_wrong:
         warn(found.text, ContactWarning)
-    return None if found is None or not found.is_wrong else found.text
+    return found

@@ -246,6 +246,7 @@ class TimeStepper:
         self.num_iterations = 0
         self.total_iterations = 0
         self._num_solves = 0
+        self._has_jumped = False
         self.on_solved: typing.Callable[[], None] | None = None
 
     def _scene_of(self, problem: ContactProblem, staggered: Staggered | None) -> Scene:
@@ -280,13 +281,14 @@ class TimeStepper:
     def rates(self) -> list[Array]:
         """Velocities of the last step: the unknowns, or the change of displacements over Δt.
 
-        They are the initial guess of the next step; zero before the first step.
+        They are the initial guess of the next step; zero before the first step, and for
+        displacements after a snap-through, whose motion does not continue.
         """
         return self._scene.rates
 
     @property
     def tool_rates(self) -> list[ToolRate]:
-        """Velocities of the rigid tools in the last step."""
+        """Velocities of the rigid tools in the last step; zero as ``rates`` if a force drives them."""
         return self._scene.tool_rates
 
     @property
@@ -616,9 +618,10 @@ class TimeStepper:
             raise _Fault(fault)
         for contact in self.problem.contacts:
             diagnose(self.problem.newton, contact.model, OF_A_STEP)
-        wrong = self.problem.check_step()
-        if wrong is not None:
-            raise _Fault(wrong)
+        jump = self.problem.check_step()
+        if jump is not None and jump.is_wrong:
+            raise _Fault(jump.text)
+        self._has_jumped = jump is not None
 
     def _accept(self, t: float, dt: float, start: Snapshot) -> None:
         for i, motion in enumerate(self.motions):
@@ -626,10 +629,13 @@ class TimeStepper:
                 motion.set_reference(motion.reference + dt * motion.values())
                 self.rates[i] = motion.u.x.array.copy()
             else:
-                self.rates[i] = np.asarray((motion.u.x.array - start.unknowns[i]) / dt)
+                way = np.asarray(motion.u.x.array - start.unknowns[i])
+                self.rates[i] = np.zeros_like(way) if self._has_jumped else way / dt
         for i, tool in enumerate(self.tools):
             tool.advance()
-            self.tool_rates[i] = ToolRate.since(tool, start.pose_of(tool), dt)
+            stops = self._has_jumped and tool.driven is not None
+            rate = ToolRate.zero(tool) if stops else ToolRate.since(tool, start.pose_of(tool), dt)
+            self.tool_rates[i] = rate
         self._scene.penetration.accept()
         if self.staggered is not None:
             self.staggered.accept()
