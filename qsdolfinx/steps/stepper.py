@@ -281,14 +281,14 @@ class TimeStepper:
     def rates(self) -> list[Array]:
         """Velocities of the last step: the unknowns, or the change of displacements over Δt.
 
-        They are the initial guess of the next step; zero before the first step, and for
-        displacements after a snap-through, whose motion does not continue.
+        They are the initial guess of the next step; zero before the first step, and after
+        a snap-through for displacements and force-controlled tools: its motion does not continue.
         """
         return self._scene.rates
 
     @property
     def tool_rates(self) -> list[ToolRate]:
-        """Velocities of the rigid tools in the last step; zero as ``rates`` if a force drives them."""
+        """Velocities of the rigid tools in the last step; see ``rates`` for driven ones."""
         return self._scene.tool_rates
 
     @property

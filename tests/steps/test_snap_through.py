@@ -259,7 +259,8 @@ def test_wedge(radius):
     half = np.arctan(0.6)
     turns = np.linspace(-half, half, 9) if radius > 0 else np.zeros(1)
     tip = radius * np.stack([np.sin(turns), 1 - np.cos(turns)], axis=1)
-    x = np.concatenate([[[-0.3, 0.18]], tip, [[0.3, 0.18], [0.0, 0.28]]]) + [0.5, 0.401]
+    x = np.array([[-0.3, 0.18], *tip, [0.3, 0.18], [0.0, 0.28]])
+    x += [0.5, 0.401]
     numbers = np.arange(len(x))
     tool = qs.RigidSurface.triangulated(WORLD, x, np.stack([numbers, np.roll(numbers, -1)], axis=1))
     contact = qs.Contact(body.side(1, 0.4), tool)
