@@ -372,6 +372,8 @@ class SaddlePoint:
         #: V times the forces due to the motion of each tool, (tools, unknowns).
         self._moved: Array = np.array(moved)
         self._schur: Array = np.array(left).T
+        #: Whether nothing resists a motion of the tools.
+        self.is_singular = bool(len(left) and np.linalg.slogdet(self._schur)[0] == 0)
 
     def free(self) -> None:
         """Free PETSc's objects. Collective."""

@@ -105,6 +105,9 @@ class NewtonStep:
         """Solve by a Krylov solver; None if a direct solver is used as a fallback. Collective."""
         newton = self._newton
         assert self._saddle is not None
+        if self._saddle.is_singular:
+            failed = int(PETSc.KSP.ConvergedReason.DIVERGED_PCSETUP_FAILED)
+            raise NoConvergence("nothing resists the motion of a tool", LINEARLY, failed)
         out = self._saddle.solve(rhs, until, exact, self._guess)
         self._guess = out if exact else None  # for the motion of bodies without some constraints
         newton.record.linear_iterations += self._saddle.num_iterations

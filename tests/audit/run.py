@@ -16,6 +16,7 @@ import pathlib
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 
 from mpi4py import MPI
@@ -34,7 +35,7 @@ import qsdolfinx as qs
 
 COMM = MPI.COMM_WORLD
 
-#: Errors whose messages say what to do.
+#: Errors whose messages say what to do; those of NumPy's functions are no refusals.
 REFUSALS = (qs.ConvergenceError, qs.StepError, ValueError)
 
 #: Allowed difference between an uninterrupted and a restarted history, relative to its length.
@@ -94,6 +95,11 @@ class Historian:
             play.problem.destroy()
 
 
+def is_of_the_library(error):
+    """Whether an error has been raised by a statement, not by NumPy's functions."""
+    return "raise" in (traceback.extract_tb(error.__traceback__)[-1].line or "")
+
+
 @contextlib.contextmanager
 def shared_folder():
     """Provide a temporary folder that all ranks write to. Collective."""
@@ -138,10 +144,11 @@ def run_scene(scene):
             stage = begin(scene)
             for step, faults in enumerate(stage.steps(), 1):
                 out.faults += [f"step {step}: {fault}" for fault in faults]
-        except REFUSALS as error:
-            out.refused = f"step {step + 1}: {error}"
         except Exception as error:
-            out.faults.append(f"step {step + 1}: {type(error).__name__}: {error}")
+            if isinstance(error, REFUSALS) and is_of_the_library(error):
+                out.refused = f"step {step + 1}: {error}"
+            else:
+                out.faults.append(f"step {step + 1}: {type(error).__name__}: {error}")
         finally:
             if stage is not None:
                 stage.destroy()
