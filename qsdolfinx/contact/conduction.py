@@ -35,8 +35,6 @@ def begin(model: ContactModel, paired: Paired) -> None:
     law, gap = model.law, paired.gaps[0]
     if not isinstance(law, Conductance):
         return
-    h = np.zeros(gap.num_rows) if law.of_state else law.values(gap.num_rows)
-    gap.state.conductance = h
     model.penalty.source = "h of each point takes its place"
     if law.friction is not None:
         model.friction_heat = FrictionHeat(gap.slave, gap.master, gap.points, law.friction)

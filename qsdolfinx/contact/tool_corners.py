@@ -153,8 +153,7 @@ def _around(model: ContactModel, x: Array) -> tuple[float, float, float]:
         sizes.append(sizes_at_points(model, gap)[: len(at)])
         forces.append(force[: len(at)])
     away, size, force = map(np.concatenate, (places, sizes, forces))
-    nearest = int(np.argmin(away)) if len(away) else -1
-    mine = (float(away[nearest]), float(size[nearest])) if len(away) else (np.inf, 1.0)
+    mine = min(zip(away.tolist(), size.tolist(), strict=True), default=(np.inf, 1.0))
     there = min(model.comm.allgather(mine))[1]
     near = np.array([force[away < times * there].sum() for times in (1, 3)])
     near = model.comm.allreduce(near, op=MPI.SUM)

@@ -78,7 +78,8 @@ class GapState:
             chosen, because multipliers are per these areas. None for points on facets.
         of_vertices: Multipliers λ̂ of a tool's vertices, of which ``augmented`` has means at nodes;
             None if they are not known, or for other points.
-        conductance: h of the constraints for a conductance law; None for other laws.
+        conductance: h of the constraints at the last evaluation, for a conductance law; None before
+            it, and for other laws.
         closed: With constraints at points, the part in contact of the covered area of each patch of
             an owned node at the last solution, (nodes, gdim); None before any.
         memory: History variables of the law.

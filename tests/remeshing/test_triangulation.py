@@ -65,10 +65,52 @@ def test_short_edges_are_collapsed(excess, expected):
     assert (surface(1 / excess).collapse_short() > 0) == expected
 
 
+@pytest.mark.parametrize("angle, expected", ((24.8, 1), (25.2, 0)))
+def test_triangles_that_would_turn(angle, expected):
+    """The top of a pyramid of six triangles is removed if they are up to 25° steep."""
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)))
+    inside = np.abs(i + j) <= 2
+    i, j = i[inside], j[inside]
+    number = {pair: k for k, pair in enumerate(zip(i.tolist(), j.tolist(), strict=True))}
+    faces = [
+        [number.get(pair, -1) for pair in corners]
+        for a, b in number
+        for corners in (
+            ((a, b), (a + 1, b), (a, b + 1)),
+            ((a + 1, b), (a + 1, b + 1), (a, b + 1)),
+        )
+    ]
+    faces = np.array([face for face in faces if min(face) >= 0])
+    x = np.stack([i + j / 2, j * np.sqrt(3) / 2, np.zeros(len(i))], axis=1)
+    top = number[0, 0]
+    x[top, 2] = np.sqrt(3) / 2 * np.tan(np.radians(angle))
+    others = set(range(len(x))) - {top}
+    features = Features(np.zeros(len(faces), dtype=np.int64), {}, others, {})
+    assert Triangulation(x, faces, np.full(len(x), 10.0), features).collapse_short() == expected
+
+
 def volume(made):
     """Volume within a surface."""
     x = np.array(made.x)[np.array(list(made.faces.values()))]
     return np.linalg.det(x).sum() / 6
+
+
+@pytest.mark.parametrize("size", (0.5, 2.0))
+def test_changes_keep_a_surface_closed(size):
+    """Each edge belongs to two triangles, and they enclose the same volume of flat faces."""
+    x, faces = flat_octahedron(3)
+    features = Features(np.zeros(len(faces), dtype=np.int64), {}, set(range(6)), {})
+    lengths = np.linalg.norm(x[faces[:, 0]] - x[faces[:, 1]], axis=1)
+    made = Triangulation(x, faces, np.full(len(x), size * lengths.mean()), features)
+    before = volume(made)
+    changes = made.split_long() if size < 1 else made.collapse_short()
+    made.turn_edges()
+    now = np.array(list(made.faces.values()))
+    edges = np.sort(np.concatenate([now[:, [0, 1]], now[:, [1, 2]], now[:, [2, 0]]]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    assert changes > 0 and (count == 2).all()
+    assert len(np.unique(now)) - len(unique) + len(now) == 2  # Euler's formula
+    assert size > 1 or abs(volume(made) / before - 1) < 1e-12
 
 
 def test_coarse_surfaces_keep_their_shape():

@@ -14,13 +14,13 @@ import qsdolfinx as qs
 class Pressed:
     """An elastic block with sliding sides, below a plane that moves down at constant speed."""
 
-    def __init__(self, dt, solve=None, drive=None, **stepping):
+    def __init__(self, dt, solve=None, drive=None, sliding="finite", **stepping):
         self.mesh = box(WORLD, (3, 3), "triangle", [0.0, 0.0], [1.0, 1.0])
         self.V = V = vector_space(self.mesh)
         self.u = fem.Function(V)
         self.tool = qs.RigidSurface.plane(WORLD, [0.0, 1.0], [0.0, -1.0])
         surface = qs.Surface(V, facets=plane(self.mesh, 1, 1.0))
-        options = {"enforcement": "penalty", "penalty": 50.0}
+        options = {"enforcement": "penalty", "penalty": 50.0, "sliding": sliding}
         contact = qs.Contact(surface, self.tool, formulation="master-slave", **options)
         self.bottom = fem.Constant(self.mesh, 0.0)
         at = fem.locate_dofs_topological(V.sub(1), 1, plane(self.mesh, 1, 0.0))
@@ -35,10 +35,12 @@ class Pressed:
         self.tool.displacement = [0.0, -0.1 * dt]
 
 
-def test_displacements_go_on_at_their_rate():
+@pytest.mark.parametrize("sliding", ("finite", "small"))
+def test_displacements_go_on_at_their_rate(sliding):
     """The prediction is u + Δt Δu/Δt_last, for steps of any size.
 
-    It is the solution where loads grow at a constant rate.
+    It is the solution where loads grow at a constant rate. With small sliding it is the position of
+    contact detection, whatever the loads.
     """
     starts = {}
 
@@ -46,7 +48,7 @@ def test_displacements_go_on_at_their_rate():
         starts.setdefault(step, case.u.x.array.copy())  # the first step is solved twice
         case.problem.solve()
 
-    case = Pressed(0.2, solve)
+    case = Pressed(0.2, solve, sliding=sliding)
     ends, times = [case.u.x.array.copy()], [0.0]
     for dt in (0.2, 0.1, 0.16, 0.04):
         case.stepper.dt = dt

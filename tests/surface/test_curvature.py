@@ -7,6 +7,7 @@ from scenes import CELLS, WORLD, box, largest, plane, vector_space
 
 import qsdolfinx as qs
 import qsdolfinx._cpp as _cpp
+from qsdolfinx.surface.unknowns import EDGES
 
 R = 10.0
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -31,6 +32,21 @@ def in_all_directions(surface, K):
 
 def body(n, cell="quadrilateral", **options):
     return Shell(n, (5.0, R), cell, partition="scattered", **options)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_nodes_of_flat_facets(cell):
+    """Heights are measured over vertices, middles of edges and the middle of quadrilaterals."""
+    is_plane = cell in ("triangle", "quadrilateral")
+    n, options = ((8, 2), {}) if is_plane else ((4, 4, 1), {"sphere": True})
+    part = body(n, cell, uneven=0.3, **options)
+    surface = part.surface(part.outer)
+    x = surface.coordinates[0]
+    expected = [x, x[:, EDGES[x.shape[1]]].mean(axis=2)]
+    if x.shape[1] == 4:
+        expected.append(x.mean(axis=1, keepdims=True))
+    found = np.asarray(_cpp.flat_nodes(surface.cpp_object))
+    assert largest(found - np.concatenate(expected, axis=1)) < 1e-14 * R
 
 
 @pytest.mark.parametrize("uneven", (0.0, 0.4))
