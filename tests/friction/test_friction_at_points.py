@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import WORLD, box, clamp, elastic, largest, plane, vector_space
+from scenes import WORLD, Pair, box, clamp, drag_top, elastic, largest, plane, vector_space
 
 from dolfinx import fem
 
@@ -123,3 +123,22 @@ def test_slopes_of_smooth_data(gdim):
     difference = (8 * (values[1] - values[-1]) - (values[2] - values[-2])) / (12 * step)
     slopes = np.einsum("pk,pki->pi", way, smooth.slopes(new, at))
     np.testing.assert_allclose(slopes, difference, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("enforcement", ENFORCEMENTS)
+def test_rate_at_other_points(enforcement):
+    """A solve that is repeated with the slip rate of the first one begins at other points."""
+    pair = Pair("triangle", n=(5, 7), wave=0.02)
+    pair.contact = qs.Contact(
+        pair.slave,
+        pair.master,
+        enforcement=enforcement,
+        sliding="finite",
+        friction=qs.Norton(0.1, 0.3, 0.5),
+        dt=1.0,
+    )
+    drag_top(pair, 0.3)
+    pair.problem(solver="direct").solve()
+    forces = [pair.contact.force(side) for side in ("slave", "master")]
+    assert largest(forces[0] + forces[1]) < 1e-9 * largest(forces[0])
