@@ -621,8 +621,6 @@ class Slip:
             self._rest = self._rest_at(found, state.of_points)
             state.rest = self.tangential(self._since_start(self._rest[0]))
         state.on_edge = np.full_like(none, np.inf)
-        if state.solved is not None and len(state.solved) != len(none):
-            state.solved = None  # at other points
         state.pressed, state.slipped, state.used = none, none, none
         if state.of_nodes is not None:
             state.pressed, state.slipped, state.used = rows.vectors_from_sides(state.of_nodes).T

@@ -59,7 +59,7 @@ class AtOnce:
         #: Whether the solve starts without known multipliers.
         self._is_cold = True
         #: Whether the last solve was for the same step.
-        self._again = False
+        self.again = False
         #: Why the last solve has failed, one of PETSc's reasons.
         self.reason = LATE
         #: Reason of its linear solver, if that has failed; 0 otherwise.
@@ -82,7 +82,7 @@ class AtOnce:
     def begin_step(self) -> None:
         """Store the unknowns: solves of the step that fail are restarted from them."""
         self.start = [body.u.x.array.copy() for body in self._system.bodies]
-        self._again, self.missed = False, Missed.nothing()
+        self.again, self.missed = False, Missed.nothing()
 
     def solve(self, stiffness: float | None = None) -> bool:
         """Solve from the system's unknowns; returns whether a solution was found. Collective.
@@ -95,7 +95,7 @@ class AtOnce:
         """
         newton, system = self._newton, self._system
         equations = Equations(system)
-        loop = OneNewton(equations, newton, self._again, stiffness)
+        loop = OneNewton(equations, newton, self.again, stiffness)
         try:
             with system.watch.stage("solve"):
                 z = self._find(equations, loop)
@@ -126,10 +126,10 @@ class AtOnce:
                 equations.end_at(z)
             else:
                 warn(UNSETTLED, ContactWarning)
-            self._again = True
+            self.again = True
         except (NoConvergence, NoValueError) as error:
             self._note_failure(error, loop)
-            self._again = False
+            self.again = False
             return False
         finally:
             if any(contact.augmented for contact in system.contacts):

@@ -288,10 +288,13 @@ class Newton:
 
     def update_matrices(self) -> None:
         """Create matrices for the present contact pairs, if there are none. Collective."""
-        if not self.system.is_stale:
-            return
-        self.linear.forget()
-        self.system.rebuild()
+        if self.system.is_stale:
+            self.linear.forget()
+            self.system.rebuild()
+            self._take_matrices()
+
+    def _take_matrices(self) -> None:
+        """Use the system's new matrices. Collective."""
         self.snes.reset()
         self.snes.setFunction(residual, self.system.r, (self._context,))
         matrix = self.system.matrix
@@ -375,10 +378,14 @@ class Newton:
         self.system.residual(self.system.x.array_r)  # a line search may have ended elsewhere
 
     def assemble(self) -> None:
-        """Assemble the tangent at the last evaluation, outside SNES. Collective."""
+        """Assemble the tangent at the last evaluation, outside SNES. Collective.
+
+        Results, and so penalties, stay as they are.
+        """
         if not self.system.fits_pattern():
-            self.system.make_stale()
-            self.update_matrices()
+            self.linear.forget()
+            self.system.renew_matrices()
+            self._take_matrices()
         self.linear.assemble()
 
     def note_unseen(self, error: NoValueError) -> None:

@@ -600,15 +600,26 @@ class ContactProblem:
             if self._is_found_by_penalty(balance, start):
                 return
             self._is_at_once = True
-        is_found = False
-        while not is_found:
-            if not self._at_once.solve(vanishing(self.stabilisation)):
-                failed = self._at_once
-                self.newton.fail(failed.reason, failed.linear_reason, failed.why)
-            is_found = not self._has_other_rates()
+        before, again = Before(self.system), self._at_once.again
+        self._find_at_once()
+        while self._has_other_rates():
+            # Which constraints begin the step open, and from when slip counts, must be as before.
+            frictions = [c.friction for c in self.system.contacts if c.friction is not None]
+            rates = [friction.rate for friction in frictions]
+            before.restore()
+            for friction, rate in zip(frictions, rates, strict=True):
+                friction.continue_with(rate)
+            self._at_once.again = again
+            self._find_at_once()
         if not self.newton.has_users_snes:
             self.newton.end_at(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_RELATIVE)
         self.stabilisation_shares = [] if self.stabilisation is None else [0.0]
+
+    def _find_at_once(self) -> None:
+        """Solve for all unknowns together. Collective."""
+        at_once = self._at_once
+        if not at_once.solve(vanishing(self.stabilisation)):
+            self.newton.fail(at_once.reason, at_once.linear_reason, at_once.why)
 
     def _is_found_by_penalty(self, balance: ToolBalance, start: Array) -> bool:
         """Whether SNES finds the bodies' unknowns alone, with contact condensed. Collective.

@@ -245,14 +245,23 @@ class ContactSystem:
     def rebuild(self) -> None:
         """Rebuild penalties, patterns and matrices after contact updates. Collective."""
         self.check_alive()
-        self.destroy_matrices()
-        bulk = [body.matrix() for body in self.bodies]
-        parts = self.bodies, self.contacts, self.sides
-        self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
-        self._made = Matrices(*parts, bulk, self.scales, self.form, self.watch)
+        self.renew_matrices(measures=True)
         self._paired = [c.paired for c in self.contacts]
         self._driven = [tool.driven is not None for tool in self.tools]
         self._scales = self.scales
+
+    def renew_matrices(self, measures: bool = False) -> None:
+        """Create patterns and matrices for the present positions. Collective.
+
+        Args:
+            measures: Whether stiffness and penalties are computed again. This changes results.
+        """
+        self.destroy_matrices()
+        bulk = [body.matrix() for body in self.bodies]
+        parts = self.bodies, self.contacts, self.sides
+        if measures:
+            self.moduli = stiffness.measure(*parts, self.scales, bulk, self.form)
+        self._made = Matrices(*parts, bulk, self.scales, self.form, self.watch)
         self._assembled = None
 
     def destroy_matrices(self) -> None:

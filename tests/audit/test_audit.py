@@ -2,10 +2,13 @@
 
 from mpi4py import MPI
 
+import numpy as np
 import pytest
 from audit.histories import random_history
-from audit.run import following, run
+from audit.run import following, is_of_the_library, run
 from audit.scenes import random_scene
+
+import qsdolfinx as qs
 
 SIZE = MPI.COMM_WORLD.size
 #: Scenes and histories on 1, 2 and 3 ranks; several ranks take several times as long each.
@@ -68,3 +71,21 @@ def test_many():
 @pytest.mark.long
 def test_odd_units():
     check(range(20_000, 21_000), units=True)
+
+
+def test_what_was_refused():
+    """Norton's law without a slow rate, and a tool that nothing resists, by an iterative solver."""
+    check([63, 93], draw=following(random_history))
+
+
+def test_errors_of_numpy_are_faults():
+    """A scene is refused by a statement of the library, not by a function that it calls."""
+    for call, expected in (
+        (lambda: qs.Coulomb(-1.0), True),
+        (lambda: qs.RigidSurface.plane(MPI.COMM_WORLD, [0.0, 0.0], [0.0, 0.0]), True),
+        (lambda: np.linalg.solve(np.zeros((1, 1)), np.ones(1)), False),
+        (lambda: np.ones(2) + np.ones(3), False),
+    ):
+        with pytest.raises(ValueError) as caught:
+            call()
+        assert is_of_the_library(caught.value) == expected
