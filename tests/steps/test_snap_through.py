@@ -270,7 +270,7 @@ def test_wedge(radius):
 
     stepper = qs.TimeStepper(problem_of([body], [contact]), 1.0, drive, dt_max=1.0)
     texts = jumps_of(lambda: list(stepper.run(7.0)))
-    assert len(texts) == (radius == 0)
+    assert (len(texts) > 0) == (radius == 0)
     assert all("round them" in text for text in texts)
 
 
