@@ -163,6 +163,8 @@ class Equations:
         λ is that of the last solve with an augmented Lagrangian, and ε [ḡ]₊ at nodes without one.
         """
         x = self.unknowns_of([body.u.x.array for body in self.system.bodies])
+        for slip in self.system.slips:
+            slip.state.solved = None  # of results, at the points of the last solve
         self.system.residual(x)
         return self.join(x, [p.rows.first() for p in self.passes], np.zeros(len(self.tools)))
 

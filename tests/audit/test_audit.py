@@ -75,7 +75,7 @@ def test_odd_units():
 
 def test_what_was_refused():
     """Norton's law without a slow rate, and a tool that nothing resists, by an iterative solver."""
-    check([63, 93], draw=following(random_history))
+    check([63, 88, 93, 301], draw=following(random_history))
 
 
 def test_errors_of_numpy_are_faults():
