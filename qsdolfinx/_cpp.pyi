@@ -676,6 +676,9 @@ def points_between(
 def points_of_pieces(slave: Surface, master: Surface | None, pieces: Pieces) -> PairingPoints:
     """Points of pieces as pairing points without normals."""
 
+def processor_level() -> str:
+    """Level of x86-64 instructions that this processor has, "x86-64-v3" or ""."""
+
 def put_rows(
     block: int,
     matrix: int,

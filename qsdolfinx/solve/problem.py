@@ -122,7 +122,9 @@ class ContactProblem:
             they do not change the result, see :class:`Stabilisation`. With None, only bodies
             without any Dirichlet condition have springs.
         form_compiler_options: Options of FFCx for the bodies' forms, as in ``dolfinx.fem.form``.
-        jit_options: Options of the C compiler for these forms, as in ``dolfinx.fem.form``.
+        jit_options: Options of the C compiler for these forms, as in ``dolfinx.fem.form``. Without
+            ``"cffi_extra_compile_args"``, here or in a file of DOLFINx's options, forms are
+            optimised for the processors of all ranks.
         entity_maps: Maps between meshes, as in ``dolfinx.fem.form``, where a form has coefficients
             on another mesh, such as a sub-mesh of the body's mesh.
         verbose: Whether to log a line for every solve (rank 0, logger ``"qsdolfinx"``; it is

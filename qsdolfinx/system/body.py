@@ -16,11 +16,13 @@ from dolfinx import cpp, fem, la
 from dolfinx.fem import petsc as fem_petsc
 from ufl.algorithms import expand_derivatives
 
+from qsdolfinx.base.messages import ContactWarning, warn
 from qsdolfinx.base.rounding import SOLVED
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.surface.geometry import Cartesian
 from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
 from qsdolfinx.system.compiling import Compiling
+from qsdolfinx.system.estimated_degree import waste
 from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
@@ -347,6 +349,15 @@ class Body:
             matrix.assemble()
         self._is_broken = False
         self.num_assemblies += 1
+        if self.num_assemblies == 1:
+            self._check_degree()
+
+    def _check_degree(self) -> None:
+        """Warn if most of the time of the first assembly was wasted. Collective."""
+        found = waste(self._tangent_ufl, self.V)
+        if found is not None:
+            seconds = self.comm.allreduce(self.watch.seconds["bulk assembly"], op=MPI.MAX)
+            warn(found.text(self.number, seconds), ContactWarning)
 
     def _forget_broken(self) -> None:
         """Drop a matrix whose assembly was interrupted, since PETSc would not accept it."""
