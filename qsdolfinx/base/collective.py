@@ -73,10 +73,18 @@ def checked(comm: MPI.Intracomm) -> typing.Iterator[Same]:
     try:
         yield same
     except BaseException as e:
-        error = e
+        error = e.with_traceback(e.__traceback__ and e.__traceback__.tb_next)
     finally:
         _open.remove(same)
-    _settle(comm, error, same.given)
+    wanted = _settled(comm, error, same.given)
+    try:
+        if wanted is not None:
+            raise wanted
+    finally:
+        # No traceback may contain a frame that refers to its error, as the frame of this function
+        # does: these objects, and all that the frames refer to, such as PETSc's, would be freed by
+        # the next garbage collection, at another time on each rank, and the ranks would hang.
+        del error, wanted
 
 
 @contextlib.contextmanager
@@ -112,11 +120,13 @@ def collective_errors(comm: MPI.Intracomm) -> typing.Iterator[None]:
         yield
 
 
-def _settle(comm: MPI.Intracomm, error: BaseException | None, given: dict[str, str]) -> None:
-    """Raise the error of any rank, or an error if arguments differ between ranks. Collective.
+def _settled(
+    comm: MPI.Intracomm, error: BaseException | None, given: dict[str, str]
+) -> BaseException | None:
+    """The error that this rank has to raise: for the error of any rank, or unlike arguments.
 
     There is one reduction of the same size on all ranks, whatever the arguments. Further
-    communication follows only if this reduction shows all ranks that there is an error.
+    communication follows only if this reduction shows all ranks that there is an error. Collective.
     """
     text = repr(sorted(given.items())).encode(errors="backslashreplace")
     digest = int.from_bytes(hashlib.blake2b(text, digest_size=7).digest(), "big")
@@ -125,26 +135,26 @@ def _settle(comm: MPI.Intracomm, error: BaseException | None, given: dict[str, s
     comm.Allreduce(mine, lowest, op=MPI.MIN)
     first, low, high = (int(number) for number in lowest)
     if first < comm.size:
-        _raise_everywhere(comm, error, first)
+        return _of_first(comm, error, first)
     if low != -high:
         of_ranks = comm.allgather(given)
         for name in dict.fromkeys(name for theirs in of_ranks for name in theirs):
             if len({theirs.get(name) for theirs in of_ranks}) > 1:
-                raise ValueError(f"{name}: must be the same on all ranks")
+                return ValueError(f"{name}: must be the same on all ranks")
+    return None
 
 
-def _raise_everywhere(
-    comm: MPI.Intracomm, error: BaseException | None, first: int
-) -> typing.NoReturn:
-    """Raise this rank's error, or a copy of the error of the first rank with an error."""
+def _of_first(comm: MPI.Intracomm, error: BaseException | None, first: int) -> BaseException:
+    """This rank's error, or a copy of the error of the first rank with an error. Collective."""
     mine = (type(error).__name__, str(error), _pickled(error)) if comm.rank == first else None
     name, text, copy = comm.bcast(mine, root=first)
     if error is not None and (
         comm.rank == first or (copy is None and type(error).__name__ == name)
     ):
-        raise _of_all(error)
+        return _of_all(error)
     made = RuntimeError(f"{name}: {text}") if copy is None else pickle.loads(copy)
-    raise _of_all(made) from error
+    made.__cause__ = error
+    return _of_all(made)
 
 
 def _pickled(error: BaseException | None) -> bytes | None:

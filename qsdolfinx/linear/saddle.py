@@ -223,10 +223,15 @@ class SaddlePoint:
             self._ksp.solve(b, x)
         except PETSc.Error:
             self._equations.system.make_stale()  # PETSc was interrupted while using it
-            failure, self._failure = self._failure, None
-            if failure is None:
+            if self._failure is None:
                 raise
-            raise failure from None
+            raise self._taken() from None
+
+    def _taken(self) -> BaseException:
+        """The exception raised by a callback, which is forgotten."""
+        failure, self._failure = self._failure, None
+        assert failure is not None
+        return failure
 
     def _has_changed(self) -> bool:
         """Whether blocks of constraints differ from those of the last solve. Collective."""

@@ -127,6 +127,12 @@ class Context:
         """Store the exception raised by a callback."""
         self.failure = error
 
+    def taken(self) -> BaseException:
+        """The exception raised by a callback, which is forgotten."""
+        failure, self.failure = self.failure, None
+        assert failure is not None
+        return failure
+
 
 def _callback(function: typing.Callable[..., None]) -> typing.Callable[..., None]:
     """Wrap a callback so that exceptions are stored in the context, its last argument."""
@@ -340,10 +346,9 @@ class Newton:
             self.record.iterations += snes.getIterationNumber()
             return int(snes.getConvergedReason())
         except PETSc.Error:
-            failure, context.failure = context.failure, None
-            if failure is None:
+            if context.failure is None:
                 raise
-            raise failure from None
+            raise context.taken() from None
         finally:
             context.other = None
             reason = snes.getConvergedReason()
@@ -419,7 +424,10 @@ class Newton:
             error.advise(f"snes_max_it = {longest} in petsc_options allows few iterations")
         if unseen is not None and not why:
             error.advise(str(unseen))
-        raise error
+        try:
+            raise error
+        finally:
+            del error  # no cycle of error, traceback and frame: see base/collective.py
 
     def note(self, iteration: int, x: Array, norm: float, active: list[int]) -> None:
         """Record an iteration on other unknowns, and call the monitors. Collective.
@@ -440,10 +448,9 @@ class Newton:
             self.snes.monitor(iteration, norm)
         except BaseException:  # it leaves vectors locked
             self.system.replace_vectors()
-            failure, self._context.failure = self._context.failure, None
-            if failure is None:
+            if self._context.failure is None:
                 raise
-            raise failure from None
+            raise self._context.taken() from None
         finally:
             self._context.active = None
         interrupt.look(self.system.comm)
@@ -489,13 +496,12 @@ class Newton:
             self.snes.solve(None, self.system.x)
         except PETSc.Error as error:
             self.system.replace_vectors()
-            failure, self._context.failure = self._context.failure, None
-            if failure is None:
+            if self._context.failure is None:
                 self.linear.look()
                 if self.linear.is_direct:
                     begin_afresh(self.snes.getKSP())
                 if error.ierr == OF_A_LIBRARY:  # such as a failed factorisation
                     self.fail(FAILED_LINEARLY)
                 raise
-            raise failure from None
+            raise self._context.taken() from None
         self.linear.look()

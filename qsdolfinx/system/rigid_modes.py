@@ -37,8 +37,9 @@ def rigid_modes(body: Body) -> Array:
 
     For a scalar field, the only mode is 1 everywhere.
 
-    Modes are interpolated, so that they are exact at all nodes: also on edges, and for the bubbles
-    of enriched elements. A body without a displacement space has no modes.
+    Modes are exact at all nodes: also on edges, and for the bubbles of enriched elements, since
+    they are interpolated unless unknowns are values at nodes. A body without a displacement space
+    has no modes.
     """
     V, gdim, u = body.V, body.V.mesh.geometry.dim, fem.Function(body.V)
     if is_vertex_scalar(V):
@@ -48,6 +49,9 @@ def rigid_modes(body: Body) -> Array:
     part = next((part for part in parts if is_vertex_vector(part.function_space)), None)
     if part is None:
         return np.zeros((0, body.num_owned))
+    if part is u and V.ufl_element().basix_element.interpolation_is_identity:
+        x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+        return body.geometry.rigid_fields(x, gdim).reshape(-1, body.num_owned)
     count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
     modes = np.zeros((count, body.num_owned))
     fields: list[Array] = []  # at the interpolation points, computed once for all modes
