@@ -16,6 +16,7 @@ from dolfinx.fem import petsc as fem_petsc
 import qsdolfinx as qs
 from qsdolfinx.linear.presets import AGGREGATION, EXACT
 from qsdolfinx.solve.snes import SNES_OPTIONS
+from qsdolfinx.system.compiling import Compiling
 
 COMM = MPI.COMM_WORLD
 E = 1e4
@@ -52,7 +53,8 @@ def warm_up(p):
     V = fem.functionspace(box(p.cell, 2, 0.0, 1.0), ("Lagrange", 1, (3,)))
     u, v = fem.Function(V), ufl.TestFunction(V)
     F = residual(u, v, E)
-    fem.form(F), fem.form(ufl.derivative(F, u))
+    compiling = Compiling()
+    compiling.form(F), compiling.form(ufl.derivative(F, u))
 
 
 def largest(value):
@@ -80,13 +82,14 @@ def bonded(n, p, tolerance=None):
     u, v = fem.Function(V), ufl.TestFunction(V)
     bcs = [clamp(V, 0.0, 0.0), clamp(V, 2.0, PRESS)]
     F = residual(u, v, E)
-    a = fem.form(ufl.derivative(F, u))
+    compiling = Compiling()
+    a = compiling.form(ufl.derivative(F, u))
     before = time.perf_counter()
     A = fem_petsc.assemble_matrix(a, bcs)
     A.assemble()
     for bc in bcs:
         bc.set(u.x.array)
-    b = fem_petsc.assemble_vector(fem.form(-F))
+    b = fem_petsc.assemble_vector(compiling.form(-F))
     b.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
     assembly = time.perf_counter() - before
     for bc in bcs:

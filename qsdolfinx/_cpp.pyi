@@ -4,6 +4,19 @@ from typing import Any, overload
 import numpy
 import numpy.typing
 
+class BlockProduct:
+    """Products with a body's matrix; see linear/block_product.h."""
+
+    def __init__(self, matrix: int) -> None:
+        """For a matrix that must outlive this object; collective."""
+
+    @staticmethod
+    def is_for(matrix: int) -> bool:
+        """Whether a matrix has blocks of size 2 or 3."""
+
+    def apply(self, x: int, y: int) -> None:
+        """Write the product of the matrix and a vector x to y; collective."""
+
 class CompressedRows:
     """Rows of this rank over all unknowns; see tangent/products.h."""
 

@@ -25,6 +25,7 @@ NB_MODULE(_cpp, m)
   qsdolfinx::bind_gap(m);
   qsdolfinx::bind_sliding(m);
   qsdolfinx::bind_tangent(m);
+  qsdolfinx::bind_linear(m);
   m.def("processor_level", &processor_level,
         "Level of x86-64 instructions that this processor has, \"x86-64-v3\" or \"\".");
 }

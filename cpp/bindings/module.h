@@ -11,4 +11,5 @@ void bind_pairing(nanobind::module_& m);
 void bind_gap(nanobind::module_& m);
 void bind_sliding(nanobind::module_& m);
 void bind_tangent(nanobind::module_& m);
+void bind_linear(nanobind::module_& m);
 } // namespace qsdolfinx

@@ -91,9 +91,10 @@ def find_unpaired(model: ContactModel) -> str:
         return ""  # for example a free side at right angles to the die onto which it will fold
     return (
         f"search_radius: {paired} found a partner within {model.paired.search_radius:.3g}, but "
-        f"{found.facing} others face the master at distances from {found.away:.3g} on: give a "
-        "larger search_radius, or check the positions of the meshes (time steps, which update the "
-        "contact pairs, may bring them together)"
+        f"{found.facing} others face the master at distances from {found.away:.3g} on, which a "
+        "single solve does not see: give a larger search_radius, or check the positions of the "
+        "meshes; if time steps, which update the contact pairs, are to bring them together, there "
+        "is nothing to do"
     )
 
 

@@ -149,7 +149,7 @@ class _OfMatrix:
         bulk = [body.matrix() for body in bodies]
         beside = Formed(contact.condensed())
         parts = [(K, body.linear) for K, body in zip(bulk, bodies, strict=True)]
-        self._sum = Sum(parts, beside, [None] * len(parts))
+        self._sum = Sum(parts, beside)
         self._sum.renew(springs)
         whole = self._sum.formed()
         self._own = [beside.matrix, whole]

@@ -61,19 +61,13 @@ class VelocityBlock:
         self._scale.array[:] = np.concatenate(rows)
         self._contact = tangent.contact.restricted(self._set, self._scale)
         blocks = [(part.A, part.stays) for part in self._parts]
-        self._sum = Sum(blocks, self._contact, self._symmetric())
+        self._sum = Sum(blocks, self._contact)
         self._pc = PETSc.PC().create(comm)
         self._pc.setOptionsPrefix(prefix + VELOCITY)
         self._pc.setFromOptions()
 
-    def _symmetric(self) -> list[PETSc.Mat | None]:
-        """Matrices with the same products as the bodies' complete blocks, see :class:`Sum`."""
-        whole = zip(self._parts, self._tangent.symmetric, strict=True)
-        return [half if part.is_whole else None for part, half in whole]
-
     def update(self) -> None:
         """Update for the present tangent. Collective."""
-        self._sum.symmetric[:] = self._symmetric()
         for part in self._parts:
             part.update()
         self._contact.follow()

@@ -28,9 +28,8 @@ Array = npt.NDArray[np.float64]
 class Additive:
     """Tangent of all bodies, see :class:`Sum`.
 
-    The matrices of the bodies are not copied. If they are symmetric, products use their upper
-    triangles in blocks, for which PETSc takes half the time. Contact is kept in factors, except for
-    friction that depends on the pressure at points, whose gaps get new weights each time.
+    The matrices of the bodies are not copied. Contact is kept in factors, except for friction that
+    depends on the pressure at points, whose gaps get new weights each time.
 
     Args:
         bodies: The bodies.
@@ -66,7 +65,7 @@ class Additive:
         self.has_other_pattern = False
         parts = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
         #: The terms of the sum.
-        self.sum = Sum(parts, self._contact.product, self._symmetric_matrices())
+        self.sum = Sum(parts, self._contact.product)
         self.matrix = self.sum.matrix
 
     @property
@@ -131,13 +130,6 @@ class Additive:
             if body.num_assemblies != self._asked[i]:  # convective terms are symmetric only at rest
                 self.are_symmetric[i] = is_symmetric(K)
                 self._asked[i] = body.num_assemblies
-        self.sum.symmetric[:] = self._symmetric_matrices()
-
-    def _symmetric_matrices(self) -> list[PETSc.Mat | None]:
-        """Present matrices of the bodies that are symmetric; None for others. Collective."""
-        pairs = zip(self._bodies, self.are_symmetric, strict=True)
-        with self._watch.stage("conversion"):
-            return [body.symmetric_matrix() if symmetric else None for body, symmetric in pairs]
 
     def diagonal(self, i: int) -> Array:
         """Diagonal of body i's block on this rank. Collective."""

@@ -27,8 +27,6 @@ from qsdolfinx.system.rows import groups
 
 Array = npt.NDArray[np.float64]
 
-_BLOCKS = PETSc.Mat.Type.BAIJ, PETSc.Mat.Type.SEQBAIJ, PETSc.Mat.Type.MPIBAIJ
-
 
 def contains(V: fem.FunctionSpace, part: typing.Any) -> bool:
     """Whether a function space, DOLFINx's wrapper or C++ object, is V or one of its sub-spaces."""
@@ -90,9 +88,6 @@ class Body:
         self._residual_form = compiling.form(F)
         self._tangent_form = compiling.form(tangent)
         self._K: PETSc.Mat | None = None
-        # Upper triangle of K, and the number of the assembly from which it was made.
-        self._half: PETSc.Mat | None = None
-        self._half_of = 0
         #: Owned unknowns of cells that F is not integrated over: without an entry in K.
         self.bare: npt.NDArray[np.int32] = np.zeros(0, dtype=np.int32)
         #: Place in the list of bodies.
@@ -259,24 +254,6 @@ class Body:
             self._assembled = state
         return self._K
 
-    def symmetric_matrix(self) -> PETSc.Mat:
-        """Symmetric bulk block with half the entries; PETSc multiplies it 2 or 3 times as fast.
-
-        The last result of :meth:`matrix` must be symmetric. If it has no block format, it is
-        returned itself. The same object is returned when its entries change. Collective.
-        """
-        K = self._K
-        assert K is not None
-        if K.getType() not in _BLOCKS:
-            return K
-        if self._half_of != self.num_assemblies:
-            K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-            self._half = K.convert(PETSc.Mat.Type.SBAIJ, self._half or PETSc.Mat())
-            if not self.linear:  # the next assembled matrix may not be symmetric
-                K.setOption(PETSc.Mat.Option.SYMMETRIC, False)
-            self._half_of = self.num_assemblies
-        return self._half
-
     def _new_matrix(self) -> PETSc.Mat:
         """Matrix with the pattern of K, and a diagonal where K has no row. Collective."""
         if is_everywhere(self._tangent_ufl):
@@ -297,16 +274,9 @@ class Body:
         if not self.linear and self._K is not None:
             self._K.destroy()
             self._K = None
-            self._free_half()
-
-    def _free_half(self) -> None:
-        if self._half is not None:
-            self._half.destroy()
-        self._half, self._half_of = None, 0
 
     def destroy(self) -> None:
         """Free PETSc's objects. Collective."""
-        self._free_half()
         for thing in (self._K, self.x, self.force, self._step, self._r):
             if thing is not None:
                 thing.destroy()
@@ -364,7 +334,6 @@ class Body:
         if self._is_broken:
             self._is_broken, self._K, self.fingerprint = False, None, b""
             self._assembled = b""
-            self._half, self._half_of = None, 0
 
     def _assemble_with_conditions(self) -> Array:
         """Assemble F as it will be when the constrained unknowns have their values. Collective.

@@ -49,10 +49,10 @@ def rigid_modes(body: Body) -> Array:
     part = next((part for part in parts if is_vertex_vector(part.function_space)), None)
     if part is None:
         return np.zeros((0, body.num_owned))
+    count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
     if part is u and V.ufl_element().basix_element.interpolation_is_identity:
         x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
-        return body.geometry.rigid_fields(x, gdim).reshape(-1, body.num_owned)
-    count = len(body.geometry.rigid_fields(np.zeros((1, 3)), gdim))
+        return body.geometry.rigid_fields(x, gdim).reshape(count, body.num_owned)
     modes = np.zeros((count, body.num_owned))
     fields: list[Array] = []  # at the interpolation points, computed once for all modes
 

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from qsdolfinx import _cpp
 from qsdolfinx.base.passing import passing
 from qsdolfinx.system.factored import Beside
 
@@ -21,24 +22,16 @@ class Sum:
     Args:
         bodies: Block of each body, and whether it is constant.
         contact: Contact matrix, which couples all bodies.
-        symmetric: For each body a symmetric matrix with the same products, or None.
     """
 
-    def __init__(
-        self,
-        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
-        contact: Beside,
-        symmetric: typing.Sequence[PETSc.Mat | None],
-    ) -> None:
+    def __init__(self, bodies: typing.Sequence[tuple[PETSc.Mat, bool]], contact: Beside) -> None:
         self.bodies = list(bodies)
         self.contact = contact
         sizes = [K.getLocalSize()[0] for K, _ in bodies]
         ends = np.cumsum(sizes)
         #: Positions of each body's unknowns among those of this rank.
         self.parts = [slice(e - size, e) for e, size in zip(ends, sizes, strict=True)]
-        #: For each body a symmetric matrix with the same products, or None; it may change.
-        self.symmetric = list(symmetric)
-        self._product = _Product(self.bodies, self.parts, contact, self.symmetric)
+        self._product = _Product([K for K, _ in bodies], self.parts, contact)
         self.matrix: PETSc.Mat = PETSc.Mat().createPython(
             contact.getSizes(), self._product, contact.comm
         )
@@ -60,7 +53,7 @@ class Sum:
 
     def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Write to y the product of x and the sum without contact. Collective."""
-        self._product.multiply_bodies(x, y, PETSc.Mat.mult)
+        self._product.multiply_bodies(x, y)
 
     def weighted_diagonal(self, weight: float) -> PETSc.Vec:
         """New vector with the diagonal, in which the part of contact is weighted. Collective."""
@@ -92,40 +85,35 @@ class _Product:
     """Python context of PETSc's shell matrix for the sum of bodies and contact."""
 
     def __init__(
-        self,
-        bodies: typing.Sequence[tuple[PETSc.Mat, bool]],
-        parts: list[slice],
-        contact: Beside,
-        symmetric: typing.Sequence[PETSc.Mat | None],
+        self, bodies: typing.Sequence[PETSc.Mat], parts: list[slice], contact: Beside
     ) -> None:
         self._contact = contact
-        self._symmetric = symmetric
         self._bodies = [
-            (K, part, K.createVecRight(), K.createVecLeft())
-            for (K, _), part in zip(bodies, parts, strict=True)
+            (_Block(K), part, K.createVecRight(), K.createVecLeft())
+            for K, part in zip(bodies, parts, strict=True)
         ]
         #: Owned values added to the diagonal.
         self.shift: Array | None = None
 
     @passing()
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self.multiply_bodies(x, y, PETSc.Mat.mult)
+        self.multiply_bodies(x, y)
         self._contact.add_product(x, y)
 
     @passing()
     def multTranspose(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self.multiply_bodies(x, y, PETSc.Mat.multTranspose)
+        self.multiply_bodies(x, y, transposed=True)
         self._contact.add_transposed(x, y)
 
-    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec, mult: typing.Callable[..., None]) -> None:
+    def multiply_bodies(self, x: PETSc.Vec, y: PETSc.Vec, transposed: bool = False) -> None:
         there, here = x.array_r, y.array
-        for (K, part, xi, yi), half in zip(self._bodies, self._symmetric, strict=True):
+        for block, part, xi, yi in self._bodies:
             xi.placeArray(there[part])
             yi.placeArray(here[part])
-            if half is None:
-                mult(K, xi, yi)
+            if transposed:
+                block.K.multTranspose(xi, yi)
             else:
-                half.mult(xi, yi)
+                block.multiply(xi, yi)
             xi.resetArray()
             yi.resetArray()
         if self.shift is not None:
@@ -136,8 +124,8 @@ class _Product:
         contact = self._contact.diagonal()
         contact.copy(diagonal)
         contact.destroy()
-        for K, part, _x, yi in self._bodies:
-            K.getDiagonal(yi)
+        for block, part, _x, yi in self._bodies:
+            block.K.getDiagonal(yi)
             diagonal.array[part] += yi.array_r
         if self.shift is not None:
             diagonal.array[:] += self.shift
@@ -147,6 +135,23 @@ class _Product:
         for _K, _part, xi, yi in self._bodies:
             xi.destroy()
             yi.destroy()
+
+
+class _Block:
+    """Matrix of a body, with fast products if PETSc stores it in blocks."""
+
+    def __init__(self, K: PETSc.Mat) -> None:
+        self.K = K
+        self._fast: _cpp.BlockProduct | None = None
+
+    def multiply(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write K x to y. Collective."""
+        if self._fast is None and _cpp.BlockProduct.is_for(self.K.handle):
+            self._fast = _cpp.BlockProduct(self.K.handle)
+        if self._fast is None:
+            self.K.mult(x, y)
+        else:
+            self._fast.apply(x.handle, y.handle)
 
 
 def diagonal_blocks(blocks: list[PETSc.Mat]) -> PETSc.Mat:

@@ -15,6 +15,7 @@ FLOORS = (
     "pairing",
     "gap",
     "tangent",
+    "linear",
     "bindings",
 )
 

@@ -94,7 +94,7 @@ def test_second_one_is_handled_at_once():
         ("direct", "residual"),
         ("direct", "matrix"),
         ("direct", "rebuild"),
-        ("amg", "symmetric_matrix"),
+        ("amg", "matrix"),
         ("amg", "have_vertices_changed"),
     ],
 )
@@ -126,7 +126,7 @@ def test_second_one_in_the_midst_of_assembly(solver, name):
 def owner_of(scene, name):
     """Object that has this method: body 0, or the system."""
     problem = scene.problem
-    of_body = name in ("residual", "matrix", "symmetric_matrix")
+    of_body = name in ("residual", "matrix")
     return problem.bodies[0] if of_body else problem.system
 
 
@@ -248,10 +248,7 @@ def stops(call):
     "solver, moment",
     [
         *(("direct", moment) for moment in ("residual", "matrix", "snes")),
-        *(
-            ("amg", moment)
-            for moment in ("residual", "symmetric_matrix", "have_vertices_changed", "ksp")
-        ),
+        *(("amg", moment) for moment in ("residual", "matrix", "have_vertices_changed", "ksp")),
     ],
 )
 def test_alarm_inside_of_petsc(alarm, solver, moment):
