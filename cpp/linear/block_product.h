@@ -7,9 +7,9 @@ namespace qsdolfinx
 {
 
 /// Products with a matrix of PETSc's type SEQBAIJ or MPIBAIJ and blocks of size 2 or 3, read where
-/// PETSc stores it. PETSc's own products are compiled for any processor: those of its symmetric
-/// format, with half the entries, take 1.5 (hexahedra) to 5 times (quadrilaterals) as long, and
-/// those of this format twice as long as these. The matrix must outlive the object.
+/// PETSc stores it. PETSc's own products are compiled for any processor: with this format they take
+/// four times as long, with the symmetric one, which has half the entries, twice as long
+/// (bench/products.py). The matrix must outlive the object.
 class BlockProduct
 {
 public:
