@@ -14,7 +14,7 @@ from dolfinx import fem
 from qsdolfinx.base import interrupt
 from qsdolfinx.base.checks import POSITIVE, check, require
 from qsdolfinx.base.collective import checked
-from qsdolfinx.contact import memory, motion, multipliers, overclosed
+from qsdolfinx.contact import motion, overclosed
 from qsdolfinx.contact.advice import AT_FIRST
 from qsdolfinx.contact.arguments import SLAVE
 from qsdolfinx.contact.findings import look
@@ -367,9 +367,15 @@ class Contact:
         self.model.penalty.set(penalty)
 
     def reset(self) -> None:
-        """Delete the multipliers, the history of friction and the history variables of laws."""
-        multipliers.reset(self.model)
-        memory.reset(self.model)
+        """Delete the multipliers, the history of friction and the history variables of laws.
+
+        The next solve is as the first solve of a new contact with the same contact pairs and
+        penalty: nothing has slipped, slip counts from the unknowns at the start of this solve, and
+        :meth:`dissipated_energy` is 0. Other results stay those of the last solve until then.
+        Contact pairs found at other positions of the meshes need :meth:`update` as well, before or
+        after. Collective.
+        """
+        motion.reset(self.model)
 
     def set_dt(self, dt: float) -> None:
         """Set Δt (time) for the next solves. Collective.

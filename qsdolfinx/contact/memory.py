@@ -161,9 +161,15 @@ def end_step(model: ContactModel) -> None:
 
 
 def reset(model: ContactModel) -> None:
-    """Set the history variables of laws to their initial values."""
-    for part in model.parts:
-        part.state.memory = part.state.memory.forgotten()
+    """Delete the history: multipliers, friction, and the history variables of laws. Collective.
+
+    Slip then counts from the positions set next, see :func:`motion.set_start`.
+    """
+    multipliers.reset(model)
+    for gap in model.gaps:
+        gap.state.memory = gap.state.memory.forgotten()
+    if model.friction is not None:
+        model.friction.reset(model.slips)
 
 
 def held_nodes(model: ContactModel) -> list[Flags]:

@@ -119,6 +119,16 @@ def _continue_step(model: ContactModel) -> None:
             slip.state.start = slip.change(model.master.motion)
 
 
+def reset(model: ContactModel) -> None:
+    """Delete multipliers and history; slip counts from the present positions. Collective.
+
+    Contact pairs, the penalty, and the results of the last solve stay.
+    """
+    shown.keep(model)
+    memory.reset(model)
+    _continue_step(model)
+
+
 def move_tool(model: ContactModel) -> None:
     """Update gaps and slips for the motion of a rigid tool. Collective.
 

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from qsdolfinx.contact.model import ContactModel, Part
-from qsdolfinx.contact.shown import keep
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.own_rows import OfVertices
 from qsdolfinx.gap.rows import PointRows
@@ -107,11 +106,7 @@ def parts_of_start(gdim: int, columns: Array) -> tuple[Array, Array, Array]:
 
 
 def reset(model: ContactModel) -> None:
-    """Reset multipliers: the next solve has λ̂ = 0 and the first ε."""
-    keep(model)
-    for part in model.parts:
-        part.state.augmented = np.zeros_like(part.state.augmented)
-        if isinstance(part, Slip):
-            part.state.rest, part.state.reached = 0.0, None
-        else:
-            part.state.closed = None
+    """Reset the multipliers of gaps: the next solve begins with λ̂ = 0."""
+    for gap in model.gaps:
+        gap.state.augmented = np.zeros_like(gap.state.augmented)
+        gap.state.closed = gap.state.of_vertices = None

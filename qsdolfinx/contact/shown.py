@@ -35,6 +35,9 @@ def copy_of(model: ContactModel) -> ContactModel:
     slips = tuple(_copied_slip(slip, gaps) for slip in model.slips)
     out.take_parts(tuple(gaps[id(gap)] for gap in model.gaps), slips)
     out.penalty, out.kinematics = copy.copy(model.penalty), copy.copy(model.kinematics)
+    if model.friction is not None:
+        out.friction = copy.copy(model.friction)
+        out.friction.restore(model.friction.state)
     out.catch_up = None  # it refers to the contact itself
     return out
 

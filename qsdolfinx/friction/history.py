@@ -104,6 +104,13 @@ class FrictionHistory:
         self.rate = state.rate
         self.dissipated = state.dissipated
 
+    def reset(self, slips: typing.Sequence[Slip]) -> None:
+        """Delete the history, also that of the slips. Collective."""
+        self.slipped = [np.zeros_like(slipped) for slipped in self.slipped]
+        self.rate, self.dissipated = None, 0.0
+        for slip in slips:
+            slip.reset()
+
     # --- Rates
 
     def continue_with(self, rate: float | None) -> None:

@@ -239,14 +239,28 @@ class Slip:
         #: without relative motion; None if there are none on any rank.
         self.held: Held | None = None
         #: Variable data, for fixed contact pairs.
-        num = self.works.num_rows
-        shape = (len(self.covered), gdim * gdim) if gap.rows.are_points else (num, gdim)
-        self.state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
-        self.state.memory = LawMemory.of(friction, gap.rows)
+        self.state: SlipState = self._at_rest()
         #: Values of the law's parameters at the constraints.
         self.parameters: dict[str, Array] = {}
         #: Values at the nodes, or numbers, for points that change at each evaluation.
         self.of_nodes: dict[str, Array | float] = {}
+
+    def _at_rest(self) -> SlipState:
+        """The state without any history."""
+        num, gdim, nodes = self.works.num_rows, self.slave.gdim, len(self.slave.node_area)
+        shape = (nodes, gdim * gdim) if self.gap.rows.are_points else (num, gdim)
+        state = SlipState.at_rest(num, gdim, self.covered, np.zeros(shape))
+        state.memory = LawMemory.of(self.friction, self.gap.rows)
+        return state
+
+    def reset(self) -> None:
+        """Delete the history: the state is that of a new slip of the same pairs. Collective."""
+        shift, self.state = self.state.shift, self._at_rest()
+        if self.gap.following is not None:
+            self.take_operator()
+            self._rest = self._smooth = None
+        else:
+            self.state.shift = shift
 
     def known(self, elastic: float, reached: Array | None = None) -> Array:
         """Multiplier from which the trial starts at the constraints (stress), (rows, gdim).
