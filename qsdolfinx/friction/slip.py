@@ -210,7 +210,6 @@ class Slip:
         self._own = gap.jump_operator()
         #: With updated geometry, the slip at the points of the last evaluation.
         self._found: SlipAtPoints | None = None
-        gdim = gap.slave.gdim
         #: P_k, shape (rows, gdim, gdim).
         self.projector: Array
         self._held: npt.NDArray[np.bool_] | None = None

@@ -109,7 +109,9 @@ def load_run(
     those of the saved multipliers: they differ from the saved forces by the change of areas and
     normals since the contact detection of the last step. With a penalty they are those of the gaps
     at these positions. The difference may be larger on a curved tool, and a corner of a tool that
-    is not paired there has no force until the next step. Later steps are as without interruption.
+    is not paired there has no force until the next step. Friction that depends on slip rates has no
+    traction, and no constraint slips, until the next step, since slip begins there; a warning says
+    so. Later steps are as without interruption.
 
     Args:
         stepper: The run, set up exactly as before; on the meshes of :func:`qs.load_meshes` if it
@@ -177,7 +179,25 @@ def load_run(
             load_vertices(part, gap, checkpoint, f"vertices_{i}_{j}")
     for place in stepper.ends():
         show_at(*place)
+    _warn_of_rates(models)
     return typing.cast(dict[str, typing.Any], values["user"])
+
+
+def _warn_of_rates(models: typing.Sequence[ContactModel]) -> None:
+    """Warn if forces shown before the next step lack friction that depends on slip rates."""
+    laws = {
+        model.called(i): type(model.friction.law).__name__
+        for i, model in enumerate(models)
+        if model.friction is not None and model.friction.law.needs_dt
+    }
+    if laws:
+        warn(
+            f"{', '.join(laws)}: forces, tractions and slip shown before the next step are without "
+            f"the friction of {', '.join(sorted(set(laws.values())))}, since nothing slips at the "
+            "start of a step: read them before save_run, or after a step, which is as without "
+            "interruption",
+            ContactWarning,
+        )
 
 
 def _check(
