@@ -78,7 +78,9 @@ REMEDIES = {
 }
 
 #: Remedies for a residual that is not finite at the start of a solve, or becomes so.
-NOT_FINITE = "F is not finite at the start of the solve: look at its coefficients and at u"
+NOT_FINITE = (
+    "F is not finite at the start of the solve: look at its coefficients, the values of bcs, and u"
+)
 NO_LONGER_FINITE = (
     "F was finite at the start of the solve, and is not finite after an iteration, perhaps since a "
     "cell turned inside out: the step is too large; take smaller steps, as qs.TimeStepper does"
