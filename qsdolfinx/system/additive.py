@@ -15,12 +15,13 @@ from qsdolfinx.contact import terms
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
-from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
+from qsdolfinx.system.blocks import Blocks, Sides
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.entries import joined
 from qsdolfinx.system.factored import Formed
 from qsdolfinx.system.factors import ContactFactors
 from qsdolfinx.system.sum import Sum
+from qsdolfinx.system.symmetry import is_symmetric
 
 Array = npt.NDArray[np.float64]
 
@@ -60,7 +61,7 @@ class Additive:
             with watch.stage("conversion"):
                 self._contact = ContactFactors(contacts, sides, matrices, scales)
         else:
-            self._contact = ContactFormed(bodies, contacts, sides, matrices, watch)
+            self._contact = ContactFormed(bodies, contacts, sides, watch)
         #: Whether the pattern of contact has changed since the last set-up of multigrid.
         self.has_other_pattern = False
         parts = [(K, body.linear) for K, body in zip(matrices, bodies, strict=True)]
@@ -127,6 +128,7 @@ class Additive:
         """Get the present matrices of the bodies. Collective."""
         for i, body in enumerate(self._bodies):
             K = body.matrix()
+            self.sum.take(i, K)
             if body.num_assemblies != self._asked[i]:  # convective terms are symmetric only at rest
                 self.are_symmetric[i] = is_symmetric(K)
                 self._asked[i] = body.num_assemblies
@@ -161,7 +163,6 @@ class ContactFormed:
         bodies: The bodies.
         contacts: Contacts with the penalty already known.
         sides: Bodies of each contact.
-        matrices: Bulk block of each body, for its layout.
         watch: Counts the time for the stage "conversion".
     """
 
@@ -170,21 +171,20 @@ class ContactFormed:
         bodies: typing.Sequence[Body],
         contacts: typing.Sequence[ContactModel],
         sides: Sides,
-        matrices: typing.Sequence[PETSc.Mat],
         watch: Stopwatch,
     ) -> None:
         self._watch = watch
         self._blocks: Blocks | None = None
-        self._make = functools.partial(Blocks, bodies, contacts, sides, matrices, bulk=False)
-        size = sum(K.getLocalSize()[0] for K in matrices)
+        self._bodies, self._make = bodies, functools.partial(Blocks, bodies, contacts, sides)
+        size = sum(body.num_owned for body in bodies)
         #: The matrix, empty at first, and whether its pattern differs from that of the blocks.
-        self.product = Formed(joined([]).matrix(size, size, matrices[0].comm))
+        self.product = Formed(joined([]).matrix(size, size, bodies[0].comm))
         self.is_other = True
 
     def update(self) -> None:
         """Update the matrix to the present contacts. Collective."""
         if self._blocks is None:
-            self._blocks = self._make()
+            self._blocks = self._make([body.matrix() for body in self._bodies], bulk=False)
         self._blocks.assemble()
         with self._watch.stage("conversion"):
             if self.is_other:

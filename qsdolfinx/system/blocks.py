@@ -124,23 +124,6 @@ def forbid_allocation(mat: PETSc.Mat) -> None:
     mat.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
 
 
-def is_symmetric(mat: PETSc.Mat) -> bool:
-    """Whether xᵀ A y = yᵀ A x for two irregular vectors. Collective."""
-    x, y = mat.createVecs()
-    Ax, Ay = x.duplicate(), x.duplicate()
-    for seed, vec in enumerate((x, y)):
-        # Vectors are the same on any partition, and not by chance in A's null space.
-        index = np.arange(*vec.owner_range)
-        vec.array[:] = np.sin(1.0 + (seed + 1.7) * (index % 9973) ** 1.3)
-    mat.mult(x, Ax)
-    mat.mult(y, Ay)
-    size = Ax.norm() * y.norm() + Ay.norm() * x.norm()
-    out = abs(y.dot(Ax) - x.dot(Ay)) <= 1e-12 * size
-    for vec in (x, y, Ax, Ay):
-        vec.destroy()
-    return bool(out)
-
-
 def _contact_pattern(matrices: typing.Sequence[PETSc.Mat], i: int, j: int) -> PETSc.Mat:
     """Empty matrix that takes any entries, until it is assembled."""
     comm: MPI.Intracomm = matrices[i].comm

@@ -24,6 +24,7 @@ from qsdolfinx.system.bare_rows import check_rows, is_everywhere, unrolled
 from qsdolfinx.system.compiling import Compiling
 from qsdolfinx.system.estimated_degree import waste
 from qsdolfinx.system.rows import groups
+from qsdolfinx.system.symmetry import halved, is_halved
 
 Array = npt.NDArray[np.float64]
 
@@ -94,6 +95,9 @@ class Body:
         self.number = 0
         #: PETSc's type of the bulk block; "baij" takes less memory.
         self.matrix_type: str = PETSc.Mat.Type.AIJ
+        #: Whether K of a linear form is stored in PETSc's symmetric format, if it is symmetric:
+        #: half of the memory, and less time for products.
+        self.may_halve = False
         #: Digest of everything that K depends on; empty if F is not linear.
         self.fingerprint = b""
         #: Meaning of its coordinates, set by its contact surfaces.
@@ -180,9 +184,7 @@ class Body:
             return
         fingerprint = self._state_of_K()
         if self.comm.allreduce(fingerprint != self.fingerprint, op=MPI.LOR):
-            if self._K is None:
-                self._K = self._new_matrix()
-            self._measure(self._K)
+            self._renew_linear()
             self.fingerprint = fingerprint
         kept = self.u.x.array.copy()
         self.u.x.array[self.constrained] = self._g.array[self.constrained]
@@ -308,6 +310,22 @@ class Body:
         if len(self.groups) > 1:
             starts, _, values = matrix.getValuesCSR()
             self.terms = np.maximum.reduceat(np.append(np.abs(values), 0.0), starts[:-1])
+
+    def _renew_linear(self) -> None:
+        """Assemble K of a linear form. Collective.
+
+        It is stored in the symmetric format once; if it changes, it will change again, and its
+        entries stay where they can be assembled.
+        """
+        is_first = self._K is None
+        if self._K is not None and is_halved(self._K):
+            self._K.destroy()
+            self._K = None
+        if self._K is None:
+            self._K = self._new_matrix()
+        self._measure(self._K)
+        if is_first and self.may_halve:
+            self._K = halved(self._K)
 
     def _assemble_matrix(self, matrix: PETSc.Mat) -> None:
         form, stiffness = self._tangent_form, self.condition_stiffness or 1.0

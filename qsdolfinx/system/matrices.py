@@ -12,11 +12,12 @@ import numpy as np
 from qsdolfinx.base.timing import Stopwatch
 from qsdolfinx.contact.model import ContactModel
 from qsdolfinx.system.additive import Additive
-from qsdolfinx.system.blocks import Blocks, Sides, is_symmetric
+from qsdolfinx.system.blocks import Blocks, Sides
 from qsdolfinx.system.body import Body
 from qsdolfinx.system.free_motion import Hold
 from qsdolfinx.system.monolithic import Monolithic
 from qsdolfinx.system.rigid_modes import RigidMotion, rigid_modes, set_modes, set_near_nullspace
+from qsdolfinx.system.symmetry import is_symmetric
 from qsdolfinx.system.tangent import Tangent
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from qsdolfinx import _cpp
 from qsdolfinx.base.passing import passing
 from qsdolfinx.system.factored import Beside
+from qsdolfinx.system.symmetry import is_halved
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,12 @@ class Sum:
     def shift(self) -> Array | None:
         """Owned values added to the diagonal; None for zeros."""
         return self._product.shift
+
+    def take(self, i: int, K: PETSc.Mat) -> None:
+        """Use another matrix of the same layout for body i, if it is another one."""
+        if K.handle != self.bodies[i][0].handle:
+            self.bodies[i] = (K, self.bodies[i][1])
+            self._product.take(i, K)
 
     def renew(self, shift: Array | None = None) -> None:
         """Update the sum after a change of its terms. Collective.
@@ -95,6 +102,10 @@ class _Product:
         #: Owned values added to the diagonal.
         self.shift: Array | None = None
 
+    def take(self, i: int, K: PETSc.Mat) -> None:
+        """Use another matrix for body i."""
+        self._bodies[i] = (_Block(K), *self._bodies[i][1:])
+
     @passing()
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         self.multiply_bodies(x, y)
@@ -110,7 +121,7 @@ class _Product:
         for block, part, xi, yi in self._bodies:
             xi.placeArray(there[part])
             yi.placeArray(here[part])
-            if transposed:
+            if transposed and not is_halved(block.K):
                 block.K.multTranspose(xi, yi)
             else:
                 block.multiply(xi, yi)

@@ -64,9 +64,11 @@ class ContactSystem:
                 same = self.sides[self.contacts.index(contact.mechanics.of)] == side
                 contact.with_bodies = same
         self.form = form
+        multigrid = all(body.V.dofmap.index_map_bs > 1 for body in bodies)  # without pressures
         for body in self.bodies:
             if form is not Form.NEST and body.V.dofmap.index_map_bs > 1:
                 body.matrix_type = PETSc.Mat.Type.BAIJ
+                body.may_halve = form is Form.SUM and multigrid
         #: Wall time of this rank in conversion and in the solver.
         self.watch = Stopwatch()
         self._ends = np.cumsum([body.num_owned for body in self.bodies])

@@ -185,6 +185,24 @@ def test_no_more_symmetric(solver):
     assert all(largest(a - b) < 1e-6 * largest(a) for a, b in zip(*found, strict=True))
 
 
+@pytest.mark.parallel
+def test_storage():
+    """A linear body's matrix is stored by half if it is symmetric, until it changes."""
+    pair = Pair("hexahedron", n=(6, 5))
+    modulus, along = fem.Constant(pair.meshes[0], 1.0), ufl.as_vector([1.0, 0.5, 0.0])
+    pair.F[0] = elastic(pair.u[0], modulus)
+    u, v = pair.u[1], ufl.TestFunction(pair.V[1])
+    pair.F[1] += ufl.inner(ufl.grad(u) * along, v) * ufl.dx
+    problem = pair.problem(solver="amg")
+    for value, kinds in ((1.0, ["sbaij", "baij"]), (2.0, ["baij", "baij"])):
+        modulus.value = value
+        problem.solve()
+        found = [body.matrix().getType()[3:] for body in problem.system.bodies]
+        assert found == kinds
+        assert problem.system.made.tangent.are_symmetric == [True, False]
+    problem.destroy()
+
+
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
 def test_symmetric_at_rest_alone(cell):
     """A tangent that is symmetric only at rest, as with convection, is detected."""
