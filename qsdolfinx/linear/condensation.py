@@ -40,17 +40,16 @@ class ContactPart(typing.NamedTuple):
         Args:
             into: An earlier result with the same pattern, to be reused; None for a new matrix.
         """
-        inverse = self.blocks.inverse()
+        C = self.blocks.inverse()
+        C.scale(-1.0)
         start, num = self.matrix.getOwnershipRange()[0], self.blocks.num_rows
         sets = [
             PETSc.IS().createStride(size, first, 1, comm=self.matrix.comm)
             for size, first in ((self.num_bodies, start), (num, start + self.num_bodies))
         ]
-        D, none = (self.matrix.createSubMatrix(sets[1], columns) for columns in sets)
-        inverse = inverse._replace(column=inverse.column + none.getOwnershipRange()[0])
-        C = inverse.scaled(-1.0).matrix(num, num, self.matrix.comm)
+        D = self.matrix.createSubMatrix(sets[1], sets[0])
         half = C.matMult(D)
-        for thing in (D, none, C):  # to free memory before the next matrix
+        for thing in (D, C):  # to free memory before the next matrix
             thing.destroy()
         F = self.matrix.createSubMatrix(sets[0], sets[1])
         product = F.matMult(half)

@@ -383,5 +383,6 @@ class SaddlePoint:
     def free(self) -> None:
         """Free PETSc's objects. Collective."""
         self._condensation.free()
+        self._blocks.free()
         for thing in (self._ksp, self._matrix, self._x, self._y, self._u, self._f):
             thing.destroy()

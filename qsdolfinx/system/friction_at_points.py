@@ -126,6 +126,18 @@ class PointFriction:
         """Shape of the unknowns τ of this rank."""
         return int(np.count_nonzero(self.free)), 1
 
+    def of_component(self, k: int, numbers: Indices) -> tuple[Flags, Indices]:
+        """Patches of nodes at which component k of τ is an unknown, and its numbers.
+
+        Args:
+            k: The component.
+            numbers: Numbers of all unknowns τ of this rank.
+        """
+        of_free = np.zeros(self.free.shape, dtype=np.int64)
+        of_free[self.free] = numbers
+        free = self.free[:, :, k]
+        return free, of_free[:, :, k][free]
+
     def _spread(self, multiplier: Array) -> Array:
         """τ_free, and 0 where τ is no unknown, in the shape of ``free``."""
         out = np.zeros(self.free.shape)

@@ -12,7 +12,6 @@ import numpy.typing as npt
 import qsdolfinx._cpp as _cpp
 from qsdolfinx.gap.extension import Extension
 from qsdolfinx.gap.following import Destination, PointState
-from qsdolfinx.surface.surface import Surface
 from qsdolfinx.system.condensed_rows import CondensedRows, PointConstraints
 from qsdolfinx.system.entries import (
     Entries,
@@ -20,6 +19,7 @@ from qsdolfinx.system.entries import (
 )
 from qsdolfinx.system.friction_at_points import PointFriction
 from qsdolfinx.system.friction_rows import Tangential
+from qsdolfinx.system.multiplier_functions import extended, layout, of_sides
 from qsdolfinx.system.normal_rows import Normal
 
 Array = npt.NDArray[np.float64]
@@ -136,7 +136,7 @@ class GapMatrices:
             found.append((0, (rows.free, self._numbers[0], rows.extension)))
         for k, extension in enumerate([] if friction is None else friction.extensions):
             assert friction is not None
-            found.append((1 + k, (*self._of_component(friction, k, self._numbers[1]), extension)))
+            found.append((1 + k, (*friction.of_component(k, self._numbers[1]), extension)))
         return found
 
     def functions(self) -> PETSc.Mat:
@@ -179,32 +179,24 @@ class GapMatrices:
         rows, friction = self._rows, self._friction
         if component == 0:
             assert isinstance(rows, PointConstraints)
-            extended = self._extended(rows.free, numbers[0], rows.extension)
+            mat = self._extended(rows.free, numbers[0], rows.extension)
         else:
             assert friction is not None
-            free, own = self._of_component(friction, component - 1, numbers[1])
-            extended = self._extended(free, own, friction.extensions[component - 1])
-        of_sides = PETSc.Mat().create(comm=self._comm)
-        sizes = (_layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
-        of_sides.setSizes(sizes)
-        of_sides.setType(PETSc.Mat.Type.AIJ)
-        of_sides.setUp()
-        sums = _cpp.RowSums(of_sides.handle)
+            free, own = friction.of_component(component - 1, numbers[1])
+            mat = self._extended(free, own, friction.extensions[component - 1])
+        on_sides = PETSc.Mat().create(comm=self._comm)
+        sizes = (layout(rows.gap.slave)[0], PETSc.DETERMINE), (self._num, PETSc.DETERMINE)
+        on_sides.setSizes(sizes)
+        on_sides.setType(PETSc.Mat.Type.AIJ)
+        on_sides.setUp()
+        sums = _cpp.RowSums(on_sides.handle)
         sums.add_entries(*mixed)  # some are in rows of other ranks
         sums.insert()
-        product = extended.transposeMatMult(of_sides)
+        product = mat.transposeMatMult(on_sides)
         out = global_entries(product)
-        for mat in (extended, of_sides, product):
-            mat.destroy()
+        for thing in (mat, on_sides, product):
+            thing.destroy()
         return out
-
-    @staticmethod
-    def _of_component(friction: PointFriction, k: int, numbers: Indices) -> tuple[Flags, Indices]:
-        """Patches of nodes at which a component of τ is an unknown, and its numbers."""
-        of_free = np.zeros(friction.free.shape, dtype=np.int64)
-        of_free[friction.free] = numbers
-        free = friction.free[:, :, k]
-        return free, of_free[:, :, k][free]
 
     def _of_nodes(
         self, free: Flags, numbers: Indices, extension: Extension | None
@@ -224,7 +216,7 @@ class GapMatrices:
             row, column = np.arange(len(place), dtype=np.int64), _number_of(free, numbers)[place]
             own = Entries(row, column, np.ones(len(place)))
             return own.matrix(len(place), self._num, self._comm)
-        sides, mat = self._of_sides(), self._extended(free, numbers, extension)
+        sides, mat = of_sides(self._rows.gap), self._extended(free, numbers, extension)
         out = sides.matMult(mat)
         for thing in (sides, mat):
             thing.destroy()
@@ -232,33 +224,7 @@ class GapMatrices:
 
     def _extended(self, free: Flags, numbers: Indices, extension: Extension | None) -> PETSc.Mat:
         """New matrix E from free unknowns to all patches of nodes. Collective."""
-        slave = self._rows.gap.slave
-        num_sides, first = _layout(slave)
-        dofs = slave.node_dofs[free] - first
-        mat = Entries(dofs, numbers, np.ones(len(dofs))).matrix(num_sides, self._num, self._comm)
-        if extension is not None:
-            at = slave.node_dofs
-            row, column, value = extension.entries(at, np.ones(at.shape))
-            means = PETSc.Mat().create(comm=self._comm)
-            means.setSizes(((num_sides, PETSc.DETERMINE),) * 2)
-            means.setType(PETSc.Mat.Type.AIJ)
-            _cpp.set_places(means.handle, row, column)  # some entries are in rows of other ranks
-            _cpp.set_values(means.handle, value)
-            first_means = means.matMult(mat)
-            second = means.matMult(first_means)
-            for part in (first_means, second):
-                mat.axpy(1.0, part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-                part.destroy()
-            means.destroy()
-        return mat
-
-    def _of_sides(self) -> PETSc.Mat:
-        """Matrix N on the unknowns of the slave that represent patches of nodes."""
-        rows = self._rows
-        offset, unknowns, values = rows.gap.operator.functions
-        num_sides = _layout(rows.gap.slave)[0]
-        row = np.repeat(np.arange(rows.gap.num_rows, dtype=np.int64), np.diff(offset))
-        return Entries(row, unknowns, values).matrix(rows.gap.num_rows, num_sides, self._comm)
+        return extended(self._rows.gap.slave, free, numbers, self._num, extension)
 
     def add_to(self, sums: _cpp.RowSums, at: Normal, tangential: Tangential | None) -> None:
         """Add the derivative of the forces, and of R_λ and R_τ, without :attr:`mixed`.
@@ -343,7 +309,7 @@ class GapMatrices:
                 out.append(_cpp.CompressedRows(every, of_vertices, np.ones(len(of_vertices))))
                 continue
             one = Entries(np.arange(len(sides), dtype=np.int64), sides, np.ones(len(sides)))
-            chosen = one.matrix(len(sides), _layout(gap.slave)[0], self._comm)
+            chosen = one.matrix(len(sides), layout(gap.slave)[0], self._comm)
             out.append(self._rows_of(chosen, self._extended(free, numbers, extension)))
         return np.ascontiguousarray(place, dtype=np.int64), out
 
@@ -426,12 +392,4 @@ def _number_of(free: Flags, numbers: Indices) -> Indices:
     """Numbers of the multipliers of a tool's vertices, −1 for those that are no unknowns."""
     out = np.full(free.size, -1, dtype=np.int64)
     out[free.ravel()] = numbers
-    return out
-
-
-def _layout(slave: Surface) -> tuple[int, int]:
-    """Number of unknowns of the slave's body on this rank, and the first unknown."""
-    vec = slave.create_vec()
-    out = vec.getLocalSize(), vec.owner_range[0]
-    vec.destroy()
     return out

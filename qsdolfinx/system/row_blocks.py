@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import typing
 
+from petsc4py import PETSc
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,6 +14,7 @@ from qsdolfinx.contact.terms import Weights
 from qsdolfinx.friction.slip import Slip
 from qsdolfinx.gap.weighted_gap import WeightedGap
 from qsdolfinx.system.condensed_rows import CondensedRows
+from qsdolfinx.system.consistent_mass import ConsistentMass
 from qsdolfinx.system.constraint_rows import Evaluated
 from qsdolfinx.system.entries import Entries, joined
 from qsdolfinx.system.equations import Equations
@@ -35,6 +38,8 @@ class RowBlocks:
     On the edge of contact, |τ| is determined by the gap: C does not contain this. There, C_γ treats
     |τ| as for inactive constraints, without the derivative of τ's row by λ.
 
+    The inverse of the lumped blocks at points is corrected, see :class:`ConsistentMass`.
+
     Args:
         equations: The equations.
     """
@@ -43,8 +48,11 @@ class RowBlocks:
         self._passes = equations.passes
         self._of: list[_PassBlocks | _PointBlocks] = []
         self._ends = np.cumsum([0, *(p.rows.num_unknowns for p in self._passes)])
-        self._is_first = equations.system.comm.rank == 0
+        self._comm = equations.system.comm
+        self._is_first = self._comm.rank == 0
         self._tools = len(equations.tools)
+        self._mass = ConsistentMass(self._passes, self._ends[:-1], self.num_rows, self._comm)
+        self._roots: Array = np.zeros(0)
 
     def take(self, at: State) -> None:
         """Compute the blocks of an evaluation."""
@@ -53,6 +61,7 @@ class RowBlocks:
             _PassBlocks(p, e) if p.rows.condensed_friction is None else _PointBlocks(p, e)
             for p, e in both
         ]
+        self._roots = np.concatenate([np.zeros(0), *(of.roots for of in self._of)])
 
     @property
     def scale(self) -> Array:
@@ -82,28 +91,36 @@ class RowBlocks:
         """Number of rows of multipliers on this rank."""
         return int(self._ends[-1])
 
-    def inverse(self) -> Entries:
-        """Entries of C_γ⁻¹ times the scale, as in :meth:`condensed`, numbered on this rank."""
-        parts = []
+    def inverse(self) -> PETSc.Mat:
+        """New matrix C_γ⁻¹ times the scale, as in :meth:`condensed`. Collective."""
+        parts, num = [], self.num_rows
+        first = self._comm.exscan(num) or 0
         for of, start in zip(self._of, self._ends, strict=False):
             part = of.inverse()
             parts.append(Entries(start + part.row, start + part.column, part.value))
         found = joined(parts)
         scale = np.concatenate([np.zeros(0), *(of.scale for of in self._of)])
-        return found._replace(value=found.value * scale[found.column])
+        value = found.value * scale[found.column]
+        out = Entries(found.row, first + found.column, value).matrix(num, num, self._comm)
+        rest = self._mass.scaled(-self._roots, self._roots * scale)
+        if rest is not None:
+            out.axpy(1.0, rest, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            rest.destroy()
+        return out
 
     def solve(self, r: Array) -> Array:
-        """C_γ⁻¹ r."""
-        return self._each("solve", r)
+        """C_γ⁻¹ r. Collective."""
+        pairs = zip(self._of, np.split(r, self._ends[1:-1]), strict=True)
+        lumped = np.concatenate([np.zeros(0), *(of.solve(part) for of, part in pairs)])
+        return np.asarray(lumped - self._mass.product(self._roots, r))
 
     def condensed(self, rows: Array) -> Array:
-        """Product −C_γ⁻¹ times changes of rows by bodies and tools, except for slips at points."""
-        return self._each("condensed", rows)
+        """Product −C_γ⁻¹ times changes of rows by bodies and tools. Collective."""
+        return -self.solve(rows)
 
-    def _each(self, name: str, values: Array) -> Array:
-        """Apply the method of this name of each integration side to its part."""
-        pairs = zip(self._of, np.split(values, self._ends[1:-1]), strict=True)
-        return np.concatenate([np.zeros(0), *(getattr(of, name)(part) for of, part in pairs)])
+    def free(self) -> None:
+        """Free PETSc's objects. Collective."""
+        self._mass.destroy()
 
 
 class _NodalBlocks:
@@ -122,6 +139,8 @@ class _NodalBlocks:
         self.is_condensed = at.held is None and not bool(np.any(soft))
         #: Scaling factors of the rows.
         self.scale = np.repeat(self._scale, by_gap.shape[1])
+        #: Square roots of the inverse of lumped masses over C_γ: none here.
+        self.roots: Array = np.zeros(self._regular.size)
         #: Arrays that change from iteration to iteration.
         self.changing: list[Array] = [self._by_gap, self._own]
 
@@ -154,6 +173,8 @@ class _CondensedBlocks:
         compliant = 1 + part * (1 - part)
         closed = rows.gathered(np.asarray(stiffness[:, 0] / rows.gamma))[:, :1]
         self._regular: Array = compliant * closed + part * np.maximum(areas - closed, 0.0)
+        #: (−C_γ)^(-1/2).
+        self.roots: Array = _roots(self._regular)
         #: Scaling factors of the rows.
         self.scale = rows.gamma * np.ones(rows.num_multipliers)
         #: Arrays that change from iteration to iteration.
@@ -224,6 +245,11 @@ class _PointBlocks:
         own = np.full(self._friction.shape[0], self._friction.gamma)
         return np.concatenate([self._normal.scale, own])
 
+    @property
+    def roots(self) -> Array:
+        """(−C_γ)^(-1/2), (multipliers,)."""
+        return np.concatenate([self._normal.roots, _roots(self._areas)])
+
     def add_to(self, digest: typing.Any) -> None:
         """Add all arrays that may change to a digest."""
         for array in (*self._normal.changing, self._by_slip, self._by_pressure):
@@ -237,10 +263,6 @@ class _PointBlocks:
         """C_γ⁻¹ r."""
         normal, tangential = self._of_multipliers(r)
         return _joined(self._normal.solve(normal), -tangential / self._areas)
-
-    def condensed(self, rows: Array) -> Array:
-        """Product −C_γ⁻¹ times changes of rows by bodies and tools."""
-        return -self.solve(rows)
 
     def inverse(self) -> Entries:
         """Entries of C_γ⁻¹, numbered within this integration side."""
@@ -279,6 +301,13 @@ class _PassBlocks:
         """Scaling factors of the rows."""
         return np.concatenate([part.scale for part in self._parts])
 
+    @property
+    def roots(self) -> Array:
+        """(−C_γ)^(-1/2) of multipliers at points, 0 of others, (multipliers,)."""
+        slip = self._slip
+        none = np.zeros(0 if slip is None else slip.inverse[:, :, 0].size)
+        return np.concatenate([self._normal.roots, none])
+
     def add_to(self, digest: typing.Any) -> None:
         """Add all arrays that may change to a digest."""
         for part in self._parts:
@@ -304,10 +333,6 @@ class _PassBlocks:
         if isinstance(self._normal, _NodalBlocks):
             tangential = tangential - slip.known_by_pressure * out
         return _joined(out, _times(slip.inverse, tangential))
-
-    def condensed(self, rows: Array) -> Array:
-        """Product −C_γ⁻¹ times changes of rows by bodies and tools."""
-        return -self.solve(rows)
 
     def inverse(self) -> Entries:
         """Entries of C_γ⁻¹, numbered within this integration side."""
@@ -337,6 +362,14 @@ class _PassBlocks:
                 coupling = _times(through, slip.known_by_pressure * ratio)
             found.append((self._p.slip, (through @ slip.by_slip, coupling)))
         return found
+
+
+def _roots(values: Array) -> Array:
+    """Square roots of the inverse of positive values; 0 for others."""
+    out = np.zeros(values.size)
+    return np.divide(
+        1.0, np.sqrt(np.maximum(values.ravel(), 0.0)), out=out, where=out < values.ravel()
+    )
 
 
 def _diagonal(values: Array) -> Entries:
