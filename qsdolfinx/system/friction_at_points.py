@@ -21,6 +21,7 @@ from qsdolfinx.system.normal_rows import LEAST_PROXIMAL, Normal, Scales
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
 
 #: Slip of a first guess, as a part of a facet, above which it counts as due to the guess. A smaller
 #: slip is corrected by the next iteration.
