@@ -59,7 +59,7 @@ class ConsistentMass:
     def __init__(
         self,
         passes: typing.Sequence[Pass],
-        starts: typing.Sequence[int],
+        starts: Indices,
         count: int,
         comm: MPI.Intracomm,
     ) -> None:
@@ -125,7 +125,8 @@ def _functions(p: Pass, first: int) -> list[_Function]:
         p: The integration side.
         first: Number of its first multiplier on this rank, over all ranks.
     """
-    rows, friction, found = p.rows.condensed, p.rows.condensed_friction, []
+    rows, friction = p.rows.condensed, p.rows.condensed_friction
+    found: list[_Function] = []
     if p.gap.own is not None:  # multipliers of a tool's vertices are no functions
         return found
     if isinstance(rows, PointConstraints) and rows.has_multipliers:
