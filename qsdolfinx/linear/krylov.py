@@ -28,6 +28,11 @@ SAFETY_LINEAR = 0.9
 #: than another tangent. With much less, one solve would take as long as two.
 NEAR = 1e-5
 
+#: Relative tolerance of the first linear solve if constraints do not change, but move with the
+#: bodies, such as ties in finite sliding. A Newton step leaves about that much; with a tighter one,
+#: this solve takes more iterations, with a looser one there are more Newton steps.
+UNCHANGED = 1e-4
+
 #: Smallest limit of the number of iterations of any solve. With fewer, solves of two digits would
 #: count as failed.
 LEAST = 30
@@ -89,7 +94,9 @@ class Krylov:
         self._ksp.setPCSide(side)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)  # the norm of Newton's test
 
-    def set_tolerance(self, norms: typing.Sequence[float], until: float, changed: bool) -> None:
+    def set_tolerance(
+        self, norms: typing.Sequence[float], until: float, changed: bool, moves: bool = False
+    ) -> None:
         """Set the tolerance needed to end Newton's method, or to find the active set.
 
         While the tangent changes, a few digits are enough (inexact Newton methods: Eisenstat and
@@ -101,14 +108,19 @@ class Krylov:
             norms: Norm of the residual at each iteration so far.
             until: Norm of the residual at which Newton's method ends.
             changed: Whether the tangent has changed since the last linear solve.
+            moves: Whether constraints move with the bodies (finite sliding): residuals of linear
+                bodies are not linear then.
         """
         if not self.chooses_tolerance or not norms or norms[-1] == 0:
             return
         last = SAFETY * until / norms[-1]
-        if self._linear and not changed:
+        if self._linear and not changed and not moves:
             tolerance = SAFETY_LINEAR * until / norms[-1]
         elif last >= NEAR:
             tolerance = last
+        elif self._linear and not changed:
+            fallen = (norms[-1] / norms[-2]) ** 2 if len(norms) > 1 else UNCHANGED
+            tolerance = max(last, min(UNCHANGED, fallen))
         elif len(norms) < 2 or (self._linear and not self._slips):
             tolerance = max(last, self._loose * TIGHTER ** max(_stalls(norms) - 1, 0))
         else:

@@ -275,7 +275,7 @@ class LinearSolver:
         """
         if self.krylov is not None:
             self.krylov.choose_type(self._system.symmetric)
-            self.krylov.set_tolerance(norms, until, changed)
+            self.krylov.set_tolerance(norms, until, changed, self._system.moves)
 
     def solve(self, load: Array, tolerance: float | None = None) -> tuple[Array, int]:
         """Solve with the present tangent, outside Newton's method. Collective.
@@ -352,7 +352,7 @@ class LinearSolver:
         if exact:
             self.krylov.set(EXACT)
         else:
-            self.krylov.set_tolerance(norms, until, changed)
+            self.krylov.set_tolerance(norms, until, changed, self._system.moves)
         tolerance, _, _, longest = self.ksp.getTolerances()
         # Hardly more than one outer iteration around a solver of the condensed tangent is needed.
         return float(tolerance), 5 if self.is_inner else int(longest)

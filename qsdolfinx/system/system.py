@@ -369,6 +369,11 @@ class ContactSystem:
         return state
 
     @property
+    def moves(self) -> bool:
+        """Whether constraints of any contact move with the bodies (finite sliding)."""
+        return any(contact.settings.sliding == "finite" for contact in self.contacts)
+
+    @property
     def symmetric(self) -> bool:
         """Whether the tangent is symmetric; this is set on its matrix."""
         bulk = self._made is None or self._made.bulk_symmetric

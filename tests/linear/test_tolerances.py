@@ -21,10 +21,10 @@ class Recorded:
         self.rtol, self.max_it = rtol, max_it
 
 
-def tolerance(norms, until, changed=True, linear=False, slips=False, is_flow=False):
+def tolerance(norms, until, changed=True, linear=False, slips=False, moves=False, is_flow=False):
     """Relative tolerance after these norms of the residual."""
     ksp = Recorded()
-    Krylov(ksp, (), linear, slips, is_flow).set_tolerance(norms, until, changed)
+    Krylov(ksp, (), linear, slips, is_flow).set_tolerance(norms, until, changed, moves)
     return ksp.rtol
 
 
@@ -40,6 +40,14 @@ def test_solves_before_the_last_one():
     assert 2e-4 < tolerance([1.0], 1e-9) < 5e-3
     assert 1e-2 < tolerance([1.0], 1e-9, linear=True) < 0.09
     assert 1e-7 < tolerance([1.0], 1e-9, is_flow=True) < 1e-5
+
+
+def test_ties_that_move():
+    """Their residual is not linear: two solves share the digits, which one of them would double."""
+    told = {"changed": False, "linear": True, "moves": True}
+    assert 2e-5 < tolerance([1.0], 1e-9, **told) < 5e-4
+    assert 0.2 < tolerance([1.0, 1e-4], 1e-9, **told) * 1e-4 / 1e-9 < 0.5
+    assert 2e-7 < tolerance([1.0, 1e-3], 1e-12, **told) < 5e-6
 
 
 def test_one_solve_where_two_take_longer():
