@@ -92,13 +92,15 @@ REMEDY = (
     "nothing may balance the load, or the step may be too large: take smaller steps, as with "
     "qs.TimeStepper"
 )
-#: The remedy for steps that cannot be cut back any further.
-REMEDY_IN_STEPS = (
-    "if the active set keeps changing, round sharp corners that slide by two facets, refine coarse "
-    "or rough facets, swap slave and master if the master is no tool, or, with "
-    'sliding="finite", take "small" and steps smaller than a facet; '
-    "else nothing may balance the load, or a structure may snap through: drive it by "
-    "displacements, or give F damping or inertia"
+#: Remedies for steps that cannot be cut back any further: for scenes with facets or vertices on
+#: both sides, for all scenes, for bodies on both sides, and for finite sliding.
+ROUND, REFINE = "round sharp corners that slide by two facets", "refine coarse or rough facets"
+SWAP = "swap slave and master"
+SMALL = 'take sliding="small" and steps smaller than a facet'
+#: What also ends steps: there is no equilibrium nearby.
+UNSTABLE = (
+    "else nothing may balance the load, or a structure may snap through, or a soft surface that "
+    "sticks may fold: drive it by displacements, or give F damping or inertia"
 )
 REMEDY_LINEAR = "nothing may balance the load: look at loads, conditions and active contacts"
 
@@ -198,10 +200,19 @@ class ConvergenceError(RuntimeError):
         self.args = (self._message(),)
 
 
-def in_smallest_step(error: Exception) -> str:
-    """Message of an error at the smallest step, where smaller steps are no remedy."""
-    text = str(error).replace(REMEDY, REMEDY_IN_STEPS)
-    return text.replace(NO_LONGER_FINITE, REMEDY_IN_STEPS)
+def in_smallest_step(error: Exception, shapes: bool, tools: bool, finite: bool) -> str:
+    """Message of an error at the smallest step, where smaller steps are no remedy.
+
+    Args:
+        error: The error.
+        shapes: Whether all masters are tools with a shape in closed form.
+        tools: Whether all masters are tools.
+        finite: Whether there is finite sliding.
+    """
+    ways = ((not shapes, ROUND), (True, REFINE), (not tools, SWAP), (finite, SMALL))
+    these = ", or ".join(text for applies, text in ways if applies)
+    remedy = f"if the active set keeps changing, {these}; {UNSTABLE}"
+    return str(error).replace(REMEDY, remedy).replace(NO_LONGER_FINITE, remedy)
 
 
 def forget_failure(snes: PETSc.SNES) -> None:

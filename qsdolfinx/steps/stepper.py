@@ -45,7 +45,7 @@ from qsdolfinx.steps.snapshot import Snapshot
 from qsdolfinx.steps.staggered import Staggered
 from qsdolfinx.steps.step_log import ACCEPTED, CUT_BACK, FAILED, Attempt, StepLog, reason_of
 from qsdolfinx.steps.tool_motion import ToolRate
-from qsdolfinx.tools.rigid_surface import RigidSurface
+from qsdolfinx.tools.rigid_surface import RigidSurface, is_rigid, is_shape
 
 Array = npt.NDArray[np.float64]
 
@@ -463,9 +463,16 @@ class TimeStepper:
                 if smallest:
                     raise StepError(
                         f"t = {self.t:g}: no step with Δt of at least dt_min = {self.dt_min:g} "
-                        f"succeeds; the last attempt: {in_smallest_step(error)}"
+                        f"succeeds; the last attempt: {self._in_smallest_step(error)}"
                     ) from error
                 dt *= self.cutback
+
+    def _in_smallest_step(self, error: Exception) -> str:
+        """Message of an error at the smallest step."""
+        system = self.problem.system
+        masters = [contact.master for contact in system.contacts]
+        shapes, tools = (all(each(m) for m in masters) for each in (is_shape, is_rigid))
+        return in_smallest_step(error, shapes, tools, system.moves)
 
     def _note(self, tried: _Tried, error: Exception | None, is_last: bool = False) -> None:
         """Add an attempt to the log, and print a message if it is cut back. Collective."""
