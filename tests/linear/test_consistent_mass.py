@@ -56,16 +56,19 @@ def test_matrix(kind):
 @pytest.mark.parametrize(("cell", "least"), (("hexahedron", 1 / 9), ("triangle", 1 / 3)))
 def test_spectrum(cell, least):
     """b (I − Â) vanishes for a constant multiplier and is at most b (1 − the least mass)."""
-    of, _problem = blocks("points", cell)
-    matrix = of._mass.scaled(np.ones(of.num_rows), np.ones(of.num_rows))
-    roots = of._mass._x.duplicate()
-    areas = [each._normal._rows.areas[:, 0] for each in of._of]
-    roots.array[:] = np.sqrt(np.concatenate(areas))
-    left = roots.duplicate()
+    _, problem = scene(cell, "points", "amg")
+    problem.solve()
+    rows = [p.rows for p in problem.equations().passes]
+    ends = np.cumsum([0, *(each.num_unknowns for each in rows)])
+    count = int(ends[-1])
+    mass = consistent_mass.ConsistentMass(problem.equations().passes, ends[:-1], count, WORLD)
+    matrix = mass.scaled(np.ones(count), np.ones(count))
+    roots, left = matrix.createVecs()
+    roots.array[:] = np.sqrt(np.concatenate([each.condensed.areas[:, 0] for each in rows]))
     matrix.mult(roots, left)
     b = consistent_mass.LESS_LUMPED
     assert left.norm() < 1e-12 * b * roots.norm()
-    roots.array[:] = waves(of.num_rows)
+    roots.array[:] = waves(count)
     for _ in range(100):
         roots.normalize()
         matrix.mult(roots, left)
