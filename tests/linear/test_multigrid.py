@@ -7,8 +7,10 @@ from solve.test_problem import hyperelastic
 
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc
 
 import qsdolfinx as qs
+from qsdolfinx.system.symmetry import halved, is_halved, is_symmetric
 
 SCENES = {
     "linear": {},
@@ -201,6 +203,23 @@ def test_storage():
         assert found == kinds
         assert problem.system.made.tangent.are_symmetric == [True, False]
     problem.destroy()
+
+
+@pytest.mark.parallel
+@pytest.mark.parametrize("speed", (0.0, 1e-3))
+def test_storage_of_a_soft_part(speed):
+    """Asymmetry of a soft part beside a stiff one is not lost, though all in all it is rounding."""
+    u = fem.Function(vector_space(box(WORLD, [8, 3, 3], "hexahedron", [0, 0, 0], [3, 1, 1])))
+    x, v = ufl.SpatialCoordinate(u.function_space.mesh), ufl.TestFunction(u.function_space)
+    soft = ufl.conditional(x[0] < 1, 1.0, 0.0)
+    rate = ufl.dot(ufl.grad(u), ufl.as_vector([1.0, 0.5, 0.0]))
+    moved = fem.Constant(u.function_space.mesh, speed) * soft * ufl.inner(rate, v) * ufl.dx
+    form = fem.form(ufl.derivative(elastic(u, soft + 1e12 * (1 - soft)) + moved, u))
+    matrix = petsc.create_matrix(form, "baij")
+    petsc.assemble_matrix(matrix, form)
+    matrix.assemble()
+    assert is_symmetric(matrix)
+    assert is_halved(halved(matrix)) == (speed == 0)
 
 
 @pytest.mark.parametrize("cell", ("triangle", "hexahedron"))
